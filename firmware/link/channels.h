@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The one source of the wire format: who speaks, what each channel carries, and in which bytes.
+ *
+ * A frame, before COBS and the zero delimiter:
+ *
+ *     byte 0        source << 6 | channel
+ *     byte 1        sequence, counted per source, wraps at 256
+ *     bytes 2-3     board time in ms when the payload was sampled, little-endian, wraps at 65536
+ *     bytes 4..n-3  payload: exactly the packed structure of the channel, little-endian
+ *     last two      CRC-16/MCRF4XX of all bytes before it, little-endian
+ *
+ * Numbers are raw: ADC counts, microseconds of echo, encoder ticks. Calibration belongs to the host's configuration.
+ * The Python table (server/channels.py) is checked against this header by the compiler.
+ */
+#ifndef CRUNCH_LINK_CHANNELS_H
+#define CRUNCH_LINK_CHANNELS_H
+
+#include <stdint.h>
+
+#define LINK_PROTOCOL_VERSION 1
+
+enum link_source { SOURCE_HOST = 0, SOURCE_DRIVE = 1, SOURCE_SENSOR = 2 };
+
+enum link_channel {
+    CHANNEL_STATUS = 1,   /* either board, 1 Hz */
+    CHANNEL_ODOMETRY = 2, /* drive board, 50 Hz */
+    CHANNEL_BALANCE = 3,  /* drive board, 2 Hz, and at once when the state changes */
+    CHANNEL_POWER = 4,    /* drive board, 1 Hz */
+    CHANNEL_SONAR = 5,    /* sensor board, 12.5 Hz */
+    CHANNEL_INFRARED = 6, /* sensor board, 25 Hz */
+    CHANNEL_DRIVE = 16,   /* host: speed and turn rate; refreshed at 10 Hz while a driver holds the stick */
+    CHANNEL_STOP = 17,    /* host: speed and turn to zero at once; sent three times */
+    CHANNEL_ARM = 18      /* host: let the drive board arm once it stands upright; 0 disarms */
+};
+
+#define SONAR_COUNT 8
+#define INFRARED_COUNT 8
+#define SONAR_SLOT_MS 40     /* even sonars fire at the frame's time, odd ones one slot later */
+#define SONAR_NO_RETURN 0xFFFF
+
+enum drive_state { DRIVE_DISARMED = 0, DRIVE_ARMED = 1, DRIVE_FALLEN = 2, DRIVE_LINK_LOST = 3, DRIVE_FAULT = 4 };
+
+enum stop_reason {
+    STOP_NONE = 0, STOP_COMMAND = 1, STOP_FELL = 2, STOP_LINK = 3, STOP_STALL = 4,
+    STOP_CURRENT = 5, STOP_BATTERY = 6, STOP_SENSOR = 7, STOP_CHARGER = 8, STOP_BOOT = 9
+};
+
+#define PACKED __attribute__((packed))
+
+struct PACKED status_payload {
+    uint8_t version;       /* LINK_PROTOCOL_VERSION; the host refuses others */
+    uint8_t state;         /* enum drive_state; 0 on the sensor board */
+    uint8_t reason;        /* enum stop_reason of the last stop */
+    uint8_t reset_cause;   /* MCUCSR at boot */
+    uint32_t uptime_ms;    /* unwraps the frames' 16-bit time */
+    uint16_t boot_count;
+    uint16_t worst_loop_us;
+    uint16_t rx_errors;    /* frames from the host refused since boot */
+    uint16_t build;        /* low bits of the build's identity */
+};
+
+struct PACKED odometry_payload {
+    int16_t left_ticks;    /* wheel against body, wraps */
+    int16_t right_ticks;
+    int16_t tilt;          /* 0.1 mrad, forward positive */
+};
+
+struct PACKED balance_payload {
+    int16_t tilt_rate;     /* mrad/s */
+    int16_t position_error; /* mm, commanded minus actual */
+    int8_t left_duty;      /* -127 to 127 is full reverse to full forward */
+    int8_t right_duty;
+    uint8_t state;
+    uint8_t reason;
+    uint8_t acknowledged;  /* sequence of the last command accepted */
+};
+
+struct PACKED power_payload {
+    uint16_t battery_mv;
+    int16_t battery_ma;
+    uint16_t charger_mv;
+    int16_t charger_ma;
+    int16_t left_motor_ma;
+    int16_t right_motor_ma;
+};
+
+struct PACKED sonar_payload {
+    uint16_t echo_us[SONAR_COUNT]; /* trigger to echo, there and back; SONAR_NO_RETURN */
+};
+
+struct PACKED infrared_payload {
+    uint16_t counts[INFRARED_COUNT]; /* 10-bit ADC */
+};
+
+/* Commands carry a second, stronger checksum and the board's own last time as an echo, so that neither noise nor a
+ * command that was long under way can move the robot. The CRC-32 (zlib's) covers the payload before it. */
+struct PACKED drive_payload {
+    int16_t speed;         /* mm/s */
+    int16_t turn;          /* mrad/s, counter-clockwise positive */
+    uint16_t echo_ms;      /* the drive board's newest frame time that the host has seen */
+    uint32_t check;
+};
+
+struct PACKED stop_payload {
+    uint16_t echo_ms;      /* not judged: a stop is never too old */
+    uint32_t check;
+};
+
+struct PACKED arm_payload {
+    uint16_t arm;          /* 1 arms, 0 disarms */
+    uint16_t echo_ms;
+    uint32_t check;
+};
+
+#define LINK_MAX_PAYLOAD 24
+#define LINK_MAX_FRAME (4 + LINK_MAX_PAYLOAD + 2)
+#define LINK_MAX_ENCODED (LINK_MAX_FRAME + 2) /* COBS adds one byte below 254, and the delimiter */
+
+#endif

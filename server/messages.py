@@ -1,0 +1,210 @@
+"""What a robot is told and what it answers: typed, frozen, SI units and radians, each with its time in host seconds.
+
+Nothing here knows a byte format, a robot or a file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """Wheel rotations against the body as distances rolled (m), each counted modulo `wrap`, and the body's tilt (rad)."""
+
+    t: float
+    left: float
+    right: float
+    tilt: float
+    wrap: float
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Pose (x, y, theta) in the odometry frame, for robots and logs that integrate their own motion."""
+
+    t: float
+    x: float
+    y: float
+    theta: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranges:
+    """One sweep of one kind of rangefinder (`sensor` names it): metres; inf is no return, nan was not measured."""
+
+    t: float
+    sensor: str
+    ranges: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """How the drive board is doing: tilt rate (rad/s), position error (m), duties in -1..1, state, last stop's reason."""
+
+    t: float
+    tilt_rate: float
+    position_error: float
+    left_duty: float
+    right_duty: float
+    state: str
+    reason: str
+    acknowledged: int
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """Volts and amperes of battery, charger and the two motors."""
+
+    t: float
+    battery_volts: float
+    battery_amperes: float
+    charger_volts: float
+    charger_amperes: float
+    left_motor_amperes: float
+    right_motor_amperes: float
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """A board's once-a-second word about itself; `board` is 'drive' or 'sensor', uptime and worst loop in seconds."""
+
+    t: float
+    board: str
+    version: int
+    state: str
+    reason: str
+    reset_cause: int
+    uptime: float
+    boot_count: int
+    worst_loop: float
+    rx_errors: int
+    build: int
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A person's wish: forward speed (m/s) and turn rate (rad/s)."""
+
+    t: float
+    speed: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to steer with the vector field histogram, in the world frame (m); None clears it."""
+
+    t: float
+    place: tuple[float, float] | None
+    speed: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Stand still now, whoever drives."""
+
+    t: float
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Let the drive board arm (or disarm it)."""
+
+    t: float
+    armed: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """The path filter's answer after a vertex.
+
+    `path` is (n_vertices, 3), the best particle's poses in the world; `profile` is (n_vertices,), nodes at each depth
+    divided by particles; `particles` is (m, 3), some of the newest poses; affinity and plausibility are the best
+    particle's sums.
+    """
+
+    t: float
+    path: np.ndarray
+    profile: np.ndarray
+    particles: np.ndarray
+    fixed_depth: int
+    n_particles: int
+    effective_particles: float
+    resamplings: int
+    affinity: float
+    plausibility: float
+
+
+@dataclass(frozen=True, slots=True)
+class DriveCommand:
+    """Effect: set the robot's speed (m/s) and turn rate (rad/s)."""
+
+    speed: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopCommand:
+    """Effect: stand still at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmCommand:
+    """Effect: arm or disarm the drive board."""
+
+    armed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """Effect: a vertex for the estimator; `pose` (3,) in the odometry frame, `walls` what was seen there."""
+
+    t: float
+    index: int
+    pose: np.ndarray
+    walls: object  # slam.walls.Walls
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """What a viewer needs of a robot; the newest replaces the older. Poses are (x, y, theta)."""
+
+    t: float
+    robot: str
+    pose: np.ndarray  # (3,) best estimate now, world
+    odometry: np.ndarray  # (3,) now, odometry frame
+    tilt: float
+    distance: float  # m driven since the start
+    local_map: np.ndarray  # (n, n) float32 log odds; row = y, column = x, axes along the odometry frame
+    local_resolution: float  # m per cell
+    local_origin: np.ndarray  # (2,) odometry-frame position of cell (0, 0)'s corner
+    beams: dict[str, dict]  # sensor -> bearings, offsets (m, along the bearing), half_angle, max_range, ranges
+    curves: list[np.ndarray]  # extracted wall curves now, each (k, 2), robot frame
+    densities: np.ndarray  # (sectors,) polar histogram, sector 0 forward in the robot frame
+    threshold: float
+    valleys: list[tuple[float, float]]  # (start, end) bearings, counter-clockwise, robot frame
+    goal: tuple[float, float] | None  # world
+    goal_bearing: float | None  # robot frame
+    steering: float | None  # commanded bearing, robot frame
+    path: np.ndarray  # (n, 3) best path, world
+    walls: list[np.ndarray]  # wall curves of the best map, each (k, 2), world
+    profile: np.ndarray
+    fixed_depth: int
+    particles: np.ndarray  # (m, 3)
+    n_particles: int
+    effective_particles: float
+    resamplings: int
+    affinity: float
+    plausibility: float
+    balance: Balance | None = None
+    power: Power | None = None
+    boards: dict[str, Status] = field(default_factory=dict)
+    counters: dict[str, float] = field(default_factory=dict)
+
+
+Message = Wheels | Odometry | Ranges | Balance | Power | Status | Drive | Goal | Stop | Arm | Estimate
+Command = DriveCommand | StopCommand | ArmCommand
+Effect = DriveCommand | StopCommand | ArmCommand | Keyframe
