@@ -1,0 +1,11 @@
+"""What every parameter class has in common: frozen, and strict about names and ranges."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Params(BaseModel):
+    """Parameters of one algorithm; a misspelt key or a value out of range is an error that names it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
