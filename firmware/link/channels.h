@@ -117,4 +117,14 @@ struct PACKED arm_payload {
 #define LINK_MAX_FRAME (4 + LINK_MAX_PAYLOAD + 2)
 #define LINK_MAX_ENCODED (LINK_MAX_FRAME + 2) /* COBS adds one byte below 254, and the delimiter */
 
+_Static_assert(sizeof(struct status_payload) == 16, "packed");
+_Static_assert(sizeof(struct odometry_payload) == 6, "packed");
+_Static_assert(sizeof(struct balance_payload) == 9, "packed");
+_Static_assert(sizeof(struct power_payload) == 12, "packed");
+_Static_assert(sizeof(struct sonar_payload) == 16, "packed");
+_Static_assert(sizeof(struct infrared_payload) == 16, "packed");
+_Static_assert(sizeof(struct drive_payload) == 10, "packed");
+_Static_assert(sizeof(struct stop_payload) == 6, "packed");
+_Static_assert(sizeof(struct arm_payload) == 8, "packed");
+
 #endif
