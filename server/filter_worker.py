@@ -1,0 +1,99 @@
+"""The other side of the pipe: a process that holds a path filter and answers one batch of keyframes at a time.
+
+It beats a counter that the parent watches, ignores Ctrl-C (the parent decides when to leave) and leaves when the
+parent is gone. It knows nothing of robots, links and clocks.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from server.messages import Estimate, Keyframe
+
+IDLE_BEAT = 0.2  # s between two beats of a worker without work
+
+
+class PathFilterLike(Protocol):
+    """What an estimator of paths can do; `slam.path_filter.PathFilter` is one."""
+
+    def extend(self, pose: np.ndarray, walls: Any) -> None:
+        """Add a vertex: pose (3,) in the odometry frame and the walls seen there."""
+        ...
+
+    def estimate(self, max_particles: int = 500) -> Any:
+        """The best path and the particles' spread, as a `slam.path_filter.PathEstimate`."""
+        ...
+
+    def resize(self, n_particles: int) -> None:
+        """Go on with another number of particles."""
+        ...
+
+
+FilterFactory = Callable[[], PathFilterLike]
+
+
+class Batch(NamedTuple):
+    """Keyframes that go over together, and how many particles to compute them with."""
+
+    keyframes: Sequence[Keyframe]
+    n_particles: int
+
+
+class Answer(NamedTuple):
+    """The estimate after a batch, and the seconds that it took."""
+
+    estimate: Estimate
+    seconds: float
+
+
+def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
+    """The filter's present estimate as a message with time `t` and at most `shown` particles."""
+    now = path_filter.estimate(shown)
+    return Estimate(
+        t=t,
+        path=now.path,
+        profile=now.profile,
+        particles=now.particles,
+        fixed_depth=int(now.fixed_depth),
+        n_particles=int(now.n_particles),
+        effective_particles=float(now.effective_particles),
+        resamplings=int(now.resamplings),
+        affinity=float(now.affinity),
+        plausibility=float(now.plausibility),
+    )
+
+
+def serve(connection: Any, beats: Any, factory: FilterFactory, shown: int) -> None:
+    """Answer batches until the parent closes the pipe or dies. Runs as the worker process's main function."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = os.getppid()
+    path_filter = factory()
+    n_particles = 0
+    try:
+        connection.send("ready")
+        while os.getppid() == parent:
+            beats.value += 1
+            if not connection.poll(IDLE_BEAT):
+                continue
+            batch: Batch = connection.recv()
+            if batch.n_particles != n_particles:
+                n_particles = batch.n_particles
+                path_filter.resize(n_particles)
+            connection.send(_work(path_filter, batch, beats, shown))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+
+
+def _work(path_filter: PathFilterLike, batch: Batch, beats: Any, shown: int) -> Answer:
+    started = time.perf_counter()
+    for keyframe in batch.keyframes:
+        path_filter.extend(keyframe.pose, keyframe.walls)
+        beats.value += 1
+    estimate = estimate_of(path_filter, batch.keyframes[-1].t, shown)
+    return Answer(estimate, time.perf_counter() - started)
