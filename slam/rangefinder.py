@@ -16,11 +16,11 @@ class RingParams(Params):
 
     model: Literal["sonar", "infrared", "beam"]
     bearings_deg: tuple[float, ...]
-    offset: float = Field(0.0, ge=0.0)  # m from the robot's centre, along the bearing
-    height: float = Field(0.15, gt=0.0)  # m above the floor
-    half_angle_deg: float = Field(0.0, ge=0.0, lt=90.0)
-    min_range: float = Field(0.03, ge=0.0)  # m; shorter ones are not trusted
-    max_range: float = Field(3.0, gt=0.0)  # m; nothing farther is reported
+    offset: float = Field(default=0.0, ge=0.0)  # m from the robot's centre, along the bearing
+    height: float = Field(default=0.15, gt=0.0)  # m above the floor
+    half_angle_deg: float = Field(default=0.0, ge=0.0, lt=90.0)
+    min_range: float = Field(default=0.03, ge=0.0)  # m; shorter ones are not trusted
+    max_range: float = Field(default=3.0, gt=0.0)  # m; nothing farther is reported
 
     @property
     def bearings(self) -> np.ndarray:

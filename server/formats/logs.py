@@ -1,0 +1,88 @@
+"""Any log as one thing: what kind of file it is, the typed messages in it, and the senses it was made with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from server.formats import carmen, sonar8, sparse
+from server.formats.errors import FormatError, read_bytes
+from server.messages import Message
+from slam.rangefinder import RingParams
+
+SNIFFED = 1 << 20  # bytes of a text file looked at for rows that tell its kind; comments and PARAM rows come first
+KNOWN = "crunch reads its own recordings (.rlog), CARMEN logs and sonar8 (measurement.txt beside poses.txt)"
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log that can be read again and again; each call of `messages` begins at its start."""
+
+    path: Path
+    kind: str  # "carmen" or "sonar8"
+    description: str
+    source: Callable[[], Iterator[Message]]
+    sensors: dict[str, RingParams]  # the rings that its Ranges speak of
+    n_odometry: int
+    mount: np.ndarray = field(default_factory=lambda: np.zeros(3))  # pose on the robot of the frame that Odometry moves
+    truncated_at: int | None = None  # line at which the file was cut
+    warnings: tuple[str, ...] = ()
+
+    def messages(self) -> Iterator[Message]:
+        """The messages in file order."""
+        return self.source()
+
+
+def read_log(path: Path | str, beams: int | None = None, max_range: float | None = None) -> Log:
+    """A foreign log; FormatError says what is wrong with it and what to do.
+
+    `beams` and `max_range` thin a laser to so many beams of that reach; without them it stands for Crunch's senses.
+    """
+    path = Path(path)
+    reduction = sparse.Reduction(beams, max_range)
+    folder = sonar8.folder_of(path)
+    if folder is not None:
+        return sonar8_log(folder)
+    content = read_bytes(path, "name a log file")
+    if not content.strip():
+        raise FormatError(path, None, "is empty", "name a log that holds something")
+    if carmen.is_carmen(content[:SNIFFED]):
+        return carmen_log(path, reduction)
+    raise FormatError(path, None, "is no log that crunch knows", KNOWN)
+
+
+def sonar8_log(folder: Path) -> Log:
+    """Eight real sonars."""
+    recording = sonar8.read_sonar8(folder)
+    return Log(
+        path=folder,
+        kind="sonar8",
+        description=f"{len(recording.times)} sweeps of eight sonars",
+        source=lambda: sonar8.messages(recording),
+        sensors={"sonar": sonar8.RING},
+        n_odometry=len(recording.times),
+    )
+
+
+def carmen_log(path: Path, reduction: sparse.Reduction) -> Log:
+    """A laser that stands for few beams."""
+    recording = carmen.read_carmen(path)
+    sensors = sparse.sensors_of(recording.bearings, reduction)
+    names = " and ".join(f"{len(sensor.windows)} {sensor.name} bearings" for sensor in sensors)
+    warnings = []
+    if recording.truncated_at is not None:
+        warnings.append(f"{path}:{recording.truncated_at}: the last row is cut; replayed up to it")
+    return Log(
+        path=path,
+        kind="carmen",
+        description=f"{len(recording.scans)} laser scans as {names}",
+        source=lambda: sparse.messages(recording, sensors),
+        sensors={sensor.name: sensor.ring for sensor in sensors},
+        n_odometry=len(recording.odometry),
+        mount=recording.mount,
+        truncated_at=recording.truncated_at,
+        warnings=tuple(warnings),
+    )
