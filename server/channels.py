@@ -1,0 +1,247 @@
+"""Payloads to messages and commands to payloads: the one place where raw counts become SI units.
+
+One row per channel of firmware/link/channels.h, against which the compiler checks the table. The exact length of a
+payload and the limits of what a sensor can say are the second sieve after the CRC-16: about one noise packet in 65,536
+passes the first.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from server.link import Frame
+from server.messages import (
+    ArmCommand,
+    Balance,
+    Command,
+    DriveCommand,
+    Message,
+    Power,
+    Ranges,
+    Status,
+    StopCommand,
+    Wheels,
+)
+from slam.params import Params
+
+PROTOCOL_VERSION = 1
+HOST, DRIVE, SENSOR = 0, 1, 2
+SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor"}
+STATES = ("disarmed", "armed", "fallen", "link lost", "fault")
+REASONS = ("none", "command", "fell", "link", "stall", "current", "battery", "sensor", "charger", "boot")
+
+SONAR_SLOT_MS = 40
+NO_RETURN = 0xFFFF
+MAX_ECHO_US = SONAR_SLOT_MS * 1000  # a later echo belongs to another slot
+MAX_COUNT = 1023
+MAX_TILT = 31416  # 0.1 mrad: half a turn
+MAX_DUTY = 127
+MAX_MILLIVOLTS = 60_000
+MAX_MILLIAMPERES = 30_000
+
+
+class Calibration(Params):
+    """What one robot's counts mean. The infra-red curve is counts = scale / (cm + shift) + floor (10 bits at 5 V)."""
+
+    wheel_radius: float = Field(0.0508, gt=0.0)  # m
+    ticks_per_turn: int = Field(1000, gt=0)  # of a wheel against the body
+    speed_of_sound: float = Field(343.0, gt=0.0)  # m/s
+    infrared_scale: float = Field(6787.0, gt=0.0)
+    infrared_shift: float = 4.0  # cm
+    infrared_floor: float = 3.0  # counts
+    infrared_max: float = Field(0.80, gt=0.0)  # m; beyond is no return
+    sonar_max: float = Field(3.0, gt=0.0)  # m; beyond is no return
+
+    @cached_property
+    def metres_per_tick(self) -> float:
+        """Distance rolled per encoder tick (m)."""
+        return 2.0 * math.pi * self.wheel_radius / self.ticks_per_turn
+
+    @cached_property
+    def metres_per_microsecond(self) -> float:
+        """Range per microsecond of echo (m): the sound goes there and back."""
+        return 0.5e-6 * self.speed_of_sound
+
+    @cached_property
+    def infrared_ranges(self) -> tuple[float, ...]:
+        """Range (m) for each of the 1024 counts; inf beyond the sensor's reach."""
+        return tuple(self._infrared_range(counts) for counts in range(MAX_COUNT + 1))
+
+    def _infrared_range(self, counts: int) -> float:
+        above = counts - self.infrared_floor
+        metres = (self.infrared_scale / above - self.infrared_shift) / 100.0 if above > 0.0 else math.inf
+        return math.inf if metres > self.infrared_max else max(metres, 0.0)
+
+
+class Refused(ValueError):
+    """A frame that is none of ours; `reason` is 'unknown', 'source', 'length', 'version' or 'implausible'."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+class Channel(NamedTuple):
+    """One row of the table: how a payload is packed, who may send it, and what it becomes (None: host to board)."""
+
+    number: int
+    name: str
+    payload: struct.Struct
+    sources: tuple[int, ...]
+    decode: Callable[[tuple, float, Calibration, int], list[Message]] | None
+
+
+def require(plausible: bool) -> None:
+    """Refuses what no healthy board sends."""
+    if not plausible:
+        raise Refused("implausible")
+
+
+def _status(values: tuple, t: float, _: Calibration, source: int) -> list[Message]:
+    version, state, reason, reset_cause, uptime_ms, boot_count, worst_loop_us, rx_errors, build = values
+    require(state < len(STATES) and reason < len(REASONS))
+    return [
+        Status(
+            t,
+            SOURCES[source],
+            version,
+            STATES[state],
+            REASONS[reason],
+            reset_cause,
+            uptime_ms * 1e-3,
+            boot_count,
+            worst_loop_us * 1e-6,
+            rx_errors,
+            build,
+        )
+    ]
+
+
+def _odometry(values: tuple, t: float, calibration: Calibration, _: int) -> list[Message]:
+    left, right, tilt = values
+    require(-MAX_TILT <= tilt <= MAX_TILT)
+    scale = calibration.metres_per_tick
+    return [Wheels(t, left * scale, right * scale, tilt * 1e-4, 65536 * scale)]
+
+
+def _balance(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
+    tilt_rate, position_error, left, right, state, reason, acknowledged = values
+    require(state < len(STATES) and reason < len(REASONS) and left >= -MAX_DUTY and right >= -MAX_DUTY)
+    return [
+        Balance(
+            t,
+            tilt_rate * 1e-3,
+            position_error * 1e-3,
+            left / MAX_DUTY,
+            right / MAX_DUTY,
+            STATES[state],
+            REASONS[reason],
+            acknowledged,
+        )
+    ]
+
+
+def _power(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
+    battery_mv, battery_ma, charger_mv, charger_ma, left_ma, right_ma = values
+    require(max(battery_mv, charger_mv) <= MAX_MILLIVOLTS)
+    require(max(abs(battery_ma), abs(charger_ma), abs(left_ma), abs(right_ma)) <= MAX_MILLIAMPERES)
+    return [Power(t, *(value * 1e-3 for value in values))]
+
+
+def _sonar(values: tuple, t: float, calibration: Calibration, _: int) -> list[Message]:
+    """Two messages: the even sensors fired at t, the odd ones a slot later; nan stands for the other half."""
+    scale, reach = calibration.metres_per_microsecond, calibration.sonar_max
+    ranges = []
+    for echo_us in values:
+        metres = echo_us * scale
+        if echo_us > MAX_ECHO_US:
+            require(echo_us == NO_RETURN)
+            metres = math.inf
+        ranges.append(metres if metres <= reach else math.inf)
+    a, b, c, d, e, f, g, h = ranges
+    nan = math.nan
+    return [
+        Ranges(t, "sonar", np.array((a, nan, c, nan, e, nan, g, nan))),
+        Ranges(t + SONAR_SLOT_MS * 1e-3, "sonar", np.array((nan, b, nan, d, nan, f, nan, h))),
+    ]
+
+
+def _infrared(values: tuple, t: float, calibration: Calibration, _: int) -> list[Message]:
+    """Counts only become metres: nearer than 10 cm the sensor's curve folds back, and it alone cannot tell."""
+    table = calibration.infrared_ranges
+    try:
+        ranges = np.array([table[counts] for counts in values])
+    except IndexError:
+        raise Refused("implausible") from None
+    return [Ranges(t, "infrared", ranges)]
+
+
+STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED = 1, 2, 3, 4, 5, 6
+DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND = 16, 17, 18
+
+CHANNELS: dict[int, Channel] = {
+    row.number: row
+    for row in (
+        Channel(STATUS, "status", struct.Struct("<BBBBIHHHH"), (DRIVE, SENSOR), _status),
+        Channel(ODOMETRY, "odometry", struct.Struct("<hhh"), (DRIVE,), _odometry),
+        Channel(BALANCE, "balance", struct.Struct("<hhbbBBB"), (DRIVE,), _balance),
+        Channel(POWER, "power", struct.Struct("<HhHhhh"), (DRIVE,), _power),
+        Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _sonar),
+        Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), _infrared),
+        Channel(DRIVE_COMMAND, "drive", struct.Struct("<hhHI"), (HOST,), None),
+        Channel(STOP_COMMAND, "stop", struct.Struct("<HI"), (HOST,), None),
+        Channel(ARM_COMMAND, "arm", struct.Struct("<HHI"), (HOST,), None),
+    )
+}
+
+
+def decode(frame: Frame, t: float, calibration: Calibration) -> list[Message]:
+    """The messages in a frame sampled at host time t; Refused where no board of ours can have sent it."""
+    channel = CHANNELS.get(frame.channel)
+    if channel is None:
+        raise Refused("unknown")
+    if channel.decode is None or frame.source not in channel.sources:
+        raise Refused("source")
+    if frame.channel == STATUS and frame.payload[:1] != bytes((PROTOCOL_VERSION,)):
+        raise Refused("version")  # before the length, which another version may have changed
+    if len(frame.payload) != channel.payload.size:
+        raise Refused("length")
+    return channel.decode(channel.payload.unpack(frame.payload), t, calibration, frame.source)
+
+
+def status_uptime_ms(frame: Frame) -> int:
+    """Milliseconds since boot in a status frame of the right length."""
+    return CHANNELS[STATUS].payload.unpack(frame.payload)[4]
+
+
+def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:
+    """A command as the host's frame.
+
+    `echo_ms` is the newest time (16 bits) seen from the drive board: it goes into the payload, so that the board can
+    refuse what was long under way, and into the header, since the host keeps no board time of its own.
+    """
+    match command:
+        case DriveCommand(speed, turn):
+            number, body = DRIVE_COMMAND, struct.pack("<hhH", milli(speed), milli(turn), echo_ms)
+        case StopCommand():
+            number, body = STOP_COMMAND, struct.pack("<H", echo_ms)
+        case ArmCommand(armed):
+            number, body = ARM_COMMAND, struct.pack("<HH", int(armed), echo_ms)
+        case _:
+            raise TypeError(f"not a command: {command!r}")
+    return Frame(HOST, number, sequence, echo_ms, body + struct.pack("<I", zlib.crc32(body)))
+
+
+def milli(value: float) -> int:
+    """Thousandths in 16 bits; ValueError for a number that no robot can mean."""
+    if not abs(value) <= 32.767:
+        raise ValueError(f"{value} does not fit a command")
+    return round(value * 1000.0)
