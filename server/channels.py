@@ -217,11 +217,6 @@ def decode(frame: Frame, t: float, calibration: Calibration) -> list[Message]:
     return channel.decode(channel.payload.unpack(frame.payload), t, calibration, frame.source)
 
 
-def status_uptime_ms(frame: Frame) -> int:
-    """Milliseconds since boot in a status frame of the right length."""
-    return CHANNELS[STATUS].payload.unpack(frame.payload)[4]
-
-
 def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:
     """A command as the host's frame.
 

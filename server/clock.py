@@ -1,9 +1,9 @@
 """A board's 16-bit millisecond counter to host seconds.
 
-Frames carry the low 16 bits of the board's milliseconds, sampled when the sensor was read; the host knows when the bytes
-arrived. What separates the two is the clocks' offset and drift, and the way: a fixed part that cannot be told from
-offset, and a varying part that only adds. So the line under the cloud of (arrival - board time) is the clock, after
-Klipper's clocksync (decaying regression), on the least value of each second. Everything here is a function of the frames
+Frames carry the low 16 bits of the board's milliseconds, sampled when the sensor was read; the host knows when the
+bytes arrived. What separates the two is the clocks' offset and drift, and the way: a fixed part that cannot be told from
+offset, and a varying part that only adds. So the line under the cloud of (arrival - board time) is the clock: a decaying
+regression as in Klipper's clocksync, over the least value of each second. Everything here is a function of the frames
 and their arrival times alone: a recording gives the same times again.
 """
 
@@ -13,13 +13,12 @@ from bisect import bisect_left
 from collections import deque
 
 WRAP = 1 << 16  # ms
-BUCKET_MS = 1000.0
+BUCKET = 1.0  # s
 DECAY = 29.0 / 30.0  # per bucket: what happened half a minute ago counts little
 SLOPE_PRIOR = 25.0  # s^2: (5 ms of jitter / 0.1 % of drift)^2, so that few buckets cannot tell a wild drift
 SLEW = 0.05  # largest correction of the output, as a share of the time that passed
 JUMP = 0.5  # s: a bucket this far above the line is a stalled link, or, three times in a row, a new truth
 HISTORY = 64  # frames in which a late sample finds its place
-REBOOT_MARGIN_MS = 1000
 
 
 class Envelope:
@@ -50,12 +49,12 @@ class Envelope:
 
     def add(self, board: float, offset: float) -> None:
         """Takes one frame's (arrival - board time)."""
-        bucket = int(board * 1000.0 // BUCKET_MS)
-        if bucket != self.bucket:
+        bucket = int(board // BUCKET)
+        if self.bucket is None or bucket > self.bucket:
             if self.bucket is not None:
                 self._close()
             self.bucket, self.least, self.least_at = bucket, offset, board
-        elif offset < self.least:
+        elif bucket == self.bucket and offset < self.least:  # a late sample of an older second says nothing new
             self.least, self.least_at = offset, board
 
     def _close(self) -> None:
@@ -82,11 +81,13 @@ class BoardClock:
 
     def __init__(self) -> None:
         self.reboots = 0
-        self.ticks: int | None = None  # newest board time (ms), unwrapped
-        self.arrival = 0.0  # when it came
+        self.boot_count: int | None = None
+        self.ticks: int | None = None  # newest board time (ms), unwrapped from where we came in
+        self.before_ticks: int | None = None  # what the board's uptime is ahead of ticks (ms), told by its first status
+        self.arrival = 0.0  # when the newest came
         self.envelope = Envelope()
         self.anchors: deque[tuple[int, float]] = deque(maxlen=HISTORY)  # (ticks, host time), both rising
-        self.floor = float("-inf")  # host time before which nothing can be any more
+        self.floor = float("-inf")  # newest host time given
 
     @property
     def newest_ms(self) -> int:
@@ -102,22 +103,24 @@ class BoardClock:
         """Host time (s) of a frame's sample; `arrival` never falls from call to call."""
         return self._map(self._unwrap(time_ms, arrival), arrival)
 
-    def status(self, time_ms: int, uptime_ms: int, arrival: float) -> bool:
-        """Sets the time straight by a status frame's uptime; true if the board has booted since it was last heard."""
-        ticks = nearest(time_ms, uptime_ms)
-        expected = self._unwrap(time_ms, arrival)
-        has_rebooted = self.ticks is not None and ticks < self.ticks - REBOOT_MARGIN_MS
-        if has_rebooted:
-            self.reboots += 1
-        if has_rebooted or ticks != expected:  # the old line belongs to another count
+    def status(self, time_ms: int, uptime_ms: int, boot_count: int, arrival: float) -> bool:
+        """Sets the time straight by a status frame; true if the board has booted since it was last heard."""
+        uptime = nearest(time_ms, uptime_ms)
+        ticks = self._unwrap(time_ms, arrival)
+        if self.before_ticks is None:
+            self.before_ticks, self.boot_count = uptime - ticks, boot_count
+            return False
+        ahead = uptime - self.before_ticks - ticks  # a multiple of WRAP
+        has_rebooted = ahead < 0 or boot_count != self.boot_count
+        if has_rebooted or ahead > 0:  # in a long silence the host's clock stood still, or the board's began anew
+            self.reboots += has_rebooted
+            self.ticks, self.before_ticks, self.boot_count, self.arrival = uptime, 0, boot_count, arrival
             self.envelope = Envelope()
             self.anchors.clear()
-            self.ticks = ticks
-            self.arrival = arrival
         return has_rebooted
 
     def _unwrap(self, time_ms: int, arrival: float) -> int:
-        """The board's time nearest to what the time on the host since the last frame lets expect."""
+        """The board's time nearest to what the host's clock lets expect since the last frame."""
         if self.ticks is None:
             return time_ms
         elapsed = 1000.0 * (arrival - self.arrival) / (1.0 + self.envelope.slope)
@@ -149,8 +152,8 @@ class BoardClock:
         """Where a sample older than the newest lies between its neighbours."""
         place = bisect_left(self.anchors, ticks, key=lambda anchor: anchor[0])
         after_ticks, after_host = self.anchors[place]
-        if place == 0:
-            return after_host - (after_ticks - ticks) * 1e-3
+        if place == 0:  # older than any sample can be: a board that has booted and not yet said so
+            return after_host
         before_ticks, before_host = self.anchors[place - 1]
         return before_host + (after_host - before_host) * (ticks - before_ticks) / (after_ticks - before_ticks)
 

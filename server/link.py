@@ -1,8 +1,8 @@
 """Frames on the wire: COBS, CRC-16/MCRF4XX, and a header of source, channel, sequence and board time.
 
 The layout is told in firmware/link/channels.h and docs/wire.md. Nothing here knows what a payload means. Byte stuffing
-and the checksum are borrowed (cobs, fastcrc); firmware/link/frame.c does the same in C, and in the tests each judges the
-other.
+and the checksum are borrowed (cobs, fastcrc); firmware/link/frame.c does the same in C, and each is judged by the other
+in the tests.
 """
 
 from __future__ import annotations
