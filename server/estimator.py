@@ -31,14 +31,14 @@ Deliver = Callable[[Estimate], None]
 class EstimatorParams(Params):
     """How the worker is fed and watched."""
 
-    batch: int = Field(32, ge=1)  # keyframes that go over together at most
-    bound: int = Field(16, ge=1)  # waiting keyframes above which particles are shed
-    fewest: int = Field(100, ge=1)  # particles that are never shed
-    calm_batches: int = Field(4, ge=1)  # batches without a queue before shed particles come back
-    shown: int = Field(500, ge=1)  # particles in an estimate
-    startup: float = Field(120.0, gt=0.0)  # s for the first beat and the first answer, while kernels compile
-    patience: float = Field(10.0, gt=0.0)  # s without a beat that count as hung; doubles while it helps nothing
-    attempts: int = Field(5, ge=1)  # losses without any progress after which the filter is given up
+    batch: int = Field(default=32, ge=1)  # keyframes that go over together at most
+    bound: int = Field(default=16, ge=1)  # waiting keyframes above which particles are shed
+    fewest: int = Field(default=100, ge=1)  # particles that are never shed
+    calm_batches: int = Field(default=4, ge=1)  # batches without a queue before shed particles come back
+    shown: int = Field(default=500, ge=1)  # particles in an estimate
+    startup: float = Field(default=120.0, gt=0.0)  # s for the first beat and the first answer, while kernels compile
+    patience: float = Field(default=10.0, gt=0.0)  # s without a beat that count as hung; doubles while it helps nothing
+    attempts: int = Field(default=5, ge=1)  # losses without any progress after which the filter is given up
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ class Worker:
             raise WorkerLost(self.describe_end()) from error
 
     def kill(self) -> None:
-        """End the process whatever it does; a thread that waits for it wakes up, and the last to hold the pipe closes it."""
+        """End the process whatever it does; a thread that waits for it wakes up, the pipe closes with its last user."""
         self.process.kill()
         self.process.join()
 
