@@ -25,8 +25,8 @@ def associate(
 ) -> Matches:
     """Match each row of the shorter trajectory to the nearest of the other in time, at most `max_difference` s away.
 
-    Reference time = estimate time + offset. Where a time repeats, its k-th row goes with the other side's k-th (or last)
-    row, so that two trajectories with the same times match row by row whatever their order.
+    Reference time = estimate time + offset. Where a time repeats, its k-th row goes with the other side's k-th (or
+    last) row, so that two trajectories with the same times match row by row whatever their order.
     """
     shifted, reference_times = np.asarray(times, float) + offset, np.asarray(reference_times, float)
     if shifted.size > reference_times.size:
