@@ -15,7 +15,7 @@ EDGE_FIELDS = 12
 
 
 class Graph(NamedTuple):
-    """`vertices` (n, 3) poses; `pairs` (m, 2) their rows; `motions` (m, 3) in the first's frame; `information` (m, 6)."""
+    """`vertices` (n, 3) poses; `pairs` (m, 2) rows; `motions` (m, 3) in the first's frame; `information` (m, 6)."""
 
     vertices: np.ndarray
     pairs: np.ndarray

@@ -97,7 +97,7 @@ def reduce_scans(scans: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 
 def messages(log: CarmenLog, sensors: list[Sensor]) -> Iterator[Message]:
-    """Odometry and sparse ranges in file order; odometry tells how the laser moved, which need not sit at the centre."""
+    """Odometry and sparse ranges in file order; odometry tells how the laser moved, wherever it sits."""
     odometry = compose(log.odometry, log.mount)
     reduced = [(sensor.name, reduce_scans(log.scans, sensor)) for sensor in sensors]
     row = scan = 0
