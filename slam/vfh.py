@@ -31,7 +31,7 @@ class VfhParams(Params):
     robot_radius: float = Field(0.076, ge=0.0)  # m
     clearance: float = Field(0.12, ge=0.0)  # m, added to the robot's radius
     wide_valley_deg: float = Field(60.0, gt=0.0, le=180.0)  # a wider valley is entered half of this off its side
-    commitment: float = Field(0.25, ge=0.0, le=1.0)  # weight of the last bearing against the goal's in a choice of ways
+    commitment: float = Field(0.5, ge=0.0, le=1.0)  # weight of the last bearing against the goal's in a choice of ways
     max_speed: float = Field(0.3, gt=0.0)  # m/s
     stop_density: float = Field(0.02, gt=0.0)  # m; density straight ahead at which the robot only turns
 
@@ -58,11 +58,12 @@ class Way(NamedTuple):
 
 
 @njit(cache=True)
-def widened_obstacles(grid, pose, reach, half_width, n_sectors):
+def widened_obstacles(grid, pose, reach, limit, half_width, n_sectors):
     """Weight (rings, sectors) of the strongest obstacle of each ring that a robot on its way along the sector touches.
 
-    Rings are one cell deep. The weight is certainty^2 (1 - distance / reach), with certainty 2 p - 1 = tanh(log odds / 2)
-    of cells that are more likely occupied than not. Cells within half a cell of the robot's centre have no bearing.
+    Rings are one cell deep. The weight is certainty^2 (1 - distance / reach); the certainty of cells that are more likely
+    occupied than not is 2 p - 1 = tanh(log odds / 2). Cells beyond `limit` m do not count, nor do those within half a
+    cell of the robot's centre, which have no bearing.
     """
     resolution = grid.resolution
     n_rows, n_columns = grid.cells.shape
@@ -77,7 +78,7 @@ def widened_obstacles(grid, pose, reach, half_width, n_sectors):
                 continue
             x, y = (column + 0.5) * resolution - u, (row + 0.5) * resolution - v
             distance = math.sqrt(x * x + y * y)
-            if distance >= reach or distance < 0.5 * resolution:
+            if distance >= reach or distance > limit or distance < 0.5 * resolution:
                 continue
             weight = math.tanh(0.5 * grid.cells[row, column]) ** 2 * (1.0 - distance / reach)
             ring = int(distance / resolution)
@@ -101,11 +102,14 @@ class Vfh:
         self.neighbours = np.arange(params.sectors)[:, None] + np.arange(-params.smoothing, params.smoothing + 1)
         self.neighbours %= params.sectors
 
-    def histogram(self, grid: Grid, pose: np.ndarray) -> np.ndarray:
-        """Obstacle density (sectors,) around the robot at `pose` (3,) in the grid's frame; ccw from straight ahead."""
+    def histogram(self, grid: Grid, pose: np.ndarray, limit: float = math.inf) -> np.ndarray:
+        """Obstacle density (sectors,) around the robot at `pose` (3,) in the grid's frame; ccw from straight ahead.
+
+        Obstacles farther than `limit` m do not count: whoever has a goal nearer than the reach gives its distance.
+        """
         params = self.params
         x, y, theta = (float(value) for value in pose)
-        polar = widened_obstacles(grid, (x, y, theta), params.reach, params.half_width, params.sectors)
+        polar = widened_obstacles(grid, (x, y, theta), params.reach, limit, params.half_width, params.sectors)
         densities = grid.resolution * polar.sum(axis=0)
         return densities[self.neighbours] @ self.kernel
 
