@@ -1,0 +1,205 @@
+"""What viewers get of a robot: the topics of the stream and the documents of REST, made from a Snapshot.
+
+Arrays are narrowed for the wire: poses as float32, the local map as one byte per cell, wall points as centimetres in
+16 bits around an origin. Knows no socket and no web framework.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from server.messages import Snapshot
+
+CENTIMETRE = 0.01
+FURTHEST = 32767
+
+
+class View(NamedTuple):
+    """The fields and arrays of one frame."""
+
+    fields: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+
+class LinkStatus(BaseModel):
+    """Bytes and frames of the radio since the start, and how long ago the robot was last heard."""
+
+    names: list[str] = Field(examples=[["virtual:"]])
+    connected: bool = Field(examples=[True])
+    silence_s: float | None = Field(examples=[0.02], description="since the last good frame; null before the first")
+    lost_percent: float = Field(examples=[0.4], description="of the frames of the last seconds")
+    counters: dict[str, float] = Field(examples=[{"frames": 5120, "lost": 3, "rejected": 1}])
+
+
+class RobotStatus(BaseModel):
+    """The robot's own word about itself; null where it has not spoken yet."""
+
+    name: str = Field(examples=["crunch"])
+    state: str | None = Field(examples=["armed"])
+    stop_reason: str | None = Field(examples=["none"])
+    battery_volts: float | None = Field(examples=[28.1])
+    battery_amperes: float | None = Field(examples=[0.9])
+    charger_volts: float | None = Field(examples=[0.0])
+    tilt_rad: float = Field(examples=[0.021])
+    pose: tuple[float, float, float] = Field(examples=[(1.25, 0.5, 0.1)], description="x m, y m, heading rad, world")
+    distance_m: float = Field(examples=[12.5])
+    virtual: bool = Field(examples=[True])
+    boards: dict[str, dict[str, Any]] = Field(examples=[{"drive": {"uptime": 61.0, "reset_cause": 1}}])
+
+
+class MapStatus(BaseModel):
+    """The best map's figures."""
+
+    vertices: int = Field(examples=[26])
+    fixed_depth: int = Field(examples=[19], description="vertices up to this one are settled")
+    path_length_m: float = Field(examples=[12.4])
+    affinity: float = Field(examples=[41.2])
+    plausibility: float = Field(examples=[-12.8])
+
+
+class FilterStatus(BaseModel):
+    """The path filter and the process it runs in."""
+
+    state: str = Field(examples=["idle"], description="starting, idle, busy, restarting or failed")
+    reason: str = Field(examples=[""])
+    particles: int = Field(examples=[2000])
+    wanted_particles: int = Field(examples=[2000], description="more than `particles` while particles are shed")
+    effective_particles: float = Field(examples=[1312.4])
+    resamplings: int = Field(examples=[4])
+    waiting: int = Field(examples=[0], description="vertices not yet in the estimate")
+    restarts: int = Field(examples=[0])
+    load: float = Field(examples=[0.02], description="share of time that it computes")
+
+
+class DriverStatus(BaseModel):
+    """Who drives, and whether a stop holds."""
+
+    viewer: str | None = Field(examples=["viewer-3"])
+    leased: bool = Field(examples=[True], description="whether the driver spoke within the lease")
+    stopped_by: str | None = Field(examples=[None], description="who pressed stop, until the driver resumes")
+    autopilot: bool | None = Field(examples=[False], description="null for a robot that has none")
+    goal: tuple[float, float] | None = Field(examples=[(2.0, 1.5)])
+    viewers: int = Field(examples=[1])
+    max_speed: float = Field(examples=[0.5])
+    max_turn: float = Field(examples=[1.5])
+
+
+class Status(BaseModel):
+    """Everything at a glance; lengths in metres, angles in radians, times in seconds since the session's start."""
+
+    t: float = Field(examples=[61.32])
+    version: str = Field(examples=["0.1.0"])
+    recording: str | None = Field(examples=["recordings/run-20260101-120000.rlog"])
+    link: LinkStatus
+    robot: RobotStatus
+    map: MapStatus
+    filter: FilterStatus
+    driver: DriverStatus
+
+
+class Profile(BaseModel):
+    """Nodes of the particles' tree at each vertex, per particle, and the deepest vertex with one node."""
+
+    profile: list[float] = Field(examples=[[0.0005, 0.0005, 0.21, 1.0]])
+    fixed_depth: int = Field(examples=[1])
+
+
+def pose_view(snapshot: Snapshot, now: float) -> View:
+    """Where the robot is and where it goes; `t` is the present, `age` how old the newest reading is."""
+    return View(
+        {
+            "t": round(now, 4),
+            "age": round(max(0.0, now - snapshot.t), 3),
+            "pose": rounded(snapshot.pose),
+            "odometry": rounded(snapshot.odometry),
+            "tilt": round(float(snapshot.tilt), 4),
+            "distance": round(float(snapshot.distance), 2),
+            "goal": None if snapshot.goal is None else rounded(snapshot.goal),
+        },
+        {},
+    )
+
+
+def histogram_view(snapshot: Snapshot) -> View:
+    """The polar histogram, its valleys, the goal's bearing and the commanded one (Figure 3 of the thesis)."""
+    return View(
+        {
+            "threshold": float(snapshot.threshold),
+            "valleys": [rounded(valley) for valley in snapshot.valleys],
+            "goal": finite(snapshot.goal_bearing),
+            "steering": finite(snapshot.steering),
+        },
+        {"densities": np.asarray(snapshot.densities, np.float32)},
+    )
+
+
+def local_view(snapshot: Snapshot) -> View:
+    """The local map as probabilities of 0 to 255, what the sensors saw last, and the walls (Figure 2 of the thesis)."""
+    beams, arrays = {}, {"cells": probabilities(snapshot.local_map)}
+    for sensor, beam in snapshot.beams.items():
+        beams[sensor] = {"half_angle": float(beam["half_angle"]), "max_range": float(beam["max_range"])}
+        for name in ("bearings", "offsets", "ranges"):
+            arrays[f"{sensor}.{name}"] = np.broadcast_to(np.asarray(beam[name], np.float32), np.shape(beam["bearings"]))
+    arrays |= pack_curves(snapshot.curves, np.zeros(2))
+    return View(
+        {
+            "resolution": float(snapshot.local_resolution),
+            "origin": rounded(snapshot.local_origin),
+            "odometry": rounded(snapshot.odometry),
+            "scale": CENTIMETRE,
+            "beams": beams,
+        },
+        arrays,
+    )
+
+
+def map_view(snapshot: Snapshot) -> View:
+    """The best path, its walls, the particles and the tree's profile; sent when the estimate changes."""
+    origin = np.round(snapshot.path[0, :2], 2) if len(snapshot.path) else np.zeros(2)
+    return View(
+        {
+            "origin": rounded(origin),
+            "scale": CENTIMETRE,
+            "fixed_depth": int(snapshot.fixed_depth),
+            "n_particles": int(snapshot.n_particles),
+        },
+        {
+            "path": np.asarray(snapshot.path, np.float32).reshape(-1, 3),
+            "particles": np.asarray(snapshot.particles, np.float32).reshape(-1, 3),
+            "profile": np.asarray(snapshot.profile, np.float32),
+            **pack_curves(snapshot.walls, origin),
+        },
+    )
+
+
+def probabilities(log_odds: np.ndarray) -> np.ndarray:
+    """Log odds as occupancy of 0 (free) to 255; 128 is unknown."""
+    return np.round(255.0 / (1.0 + np.exp(-np.clip(log_odds, -20.0, 20.0))) + 0.25).astype(np.uint8)
+
+
+def pack_curves(curves: list[np.ndarray], origin: np.ndarray) -> dict[str, np.ndarray]:
+    """Curves, each (k, 2) in metres, as `points` (n, 2) in centimetres from `origin` and `lengths` of the curves."""
+    curves = [curve for curve in curves if len(curve)]
+    lengths = np.array([len(curve) for curve in curves], np.uint16)
+    points = np.concatenate(curves) if curves else np.zeros((0, 2))
+    near = np.clip(np.round((points - origin) / CENTIMETRE), -FURTHEST, FURTHEST).astype(np.int16)
+    return {"points": near, "lengths": lengths}
+
+
+def path_length(path: np.ndarray) -> float:
+    """Metres along a path (n, 3)."""
+    return float(np.hypot(*np.diff(path[:, :2], axis=0).T).sum()) if len(path) > 1 else 0.0
+
+
+def rounded(values: Any) -> list[float]:
+    """Numbers to a tenth of a millimetre, as JSON has them."""
+    return [round(float(value), 4) for value in values]
+
+
+def finite(value: float | None) -> float | None:
+    """None for what JSON cannot say."""
+    return None if value is None or not math.isfinite(value) else round(float(value), 4)
