@@ -33,6 +33,7 @@ from server.messages import (
 from slam.params import Params
 
 PROTOCOL_VERSION = 1
+VERSION_BYTE = bytes((PROTOCOL_VERSION,))
 HOST, DRIVE, SENSOR = 0, 1, 2
 SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor"}
 STATES = ("disarmed", "armed", "fallen", "link lost", "fault")
@@ -90,82 +91,57 @@ class Refused(ValueError):
 
 
 class Channel(NamedTuple):
-    """One row of the table: how a payload is packed, who may send it, and what it becomes (None: host to board)."""
+    """One row of the table; `convert` is None where the host speaks and the boards listen."""
 
     number: int
     name: str
     payload: struct.Struct
-    sources: tuple[int, ...]
-    decode: Callable[[tuple, float, Calibration, int], list[Message]] | None
+    sources: tuple[int, ...]  # who may send it
+    is_plausible: Callable[[tuple], bool] | None
+    convert: Callable[[tuple, float, Calibration, int], list[Message]] | None
 
 
-def require(plausible: bool) -> None:
-    """Refuses what no healthy board sends."""
-    if not plausible:
-        raise Refused("implausible")
+def _is_state(state: int, reason: int) -> bool:
+    return state < len(STATES) and reason < len(REASONS)
 
 
 def _status(values: tuple, t: float, _: Calibration, source: int) -> list[Message]:
     version, state, reason, reset_cause, uptime_ms, boot_count, worst_loop_us, rx_errors, build = values
-    require(state < len(STATES) and reason < len(REASONS))
-    return [
-        Status(
-            t,
-            SOURCES[source],
-            version,
-            STATES[state],
-            REASONS[reason],
-            reset_cause,
-            uptime_ms * 1e-3,
-            boot_count,
-            worst_loop_us * 1e-6,
-            rx_errors,
-            build,
-        )
-    ]
+    times = (uptime_ms * 1e-3, boot_count, worst_loop_us * 1e-6)
+    return [Status(t, SOURCES[source], version, STATES[state], REASONS[reason], reset_cause, *times, rx_errors, build)]
 
 
 def _odometry(values: tuple, t: float, calibration: Calibration, _: int) -> list[Message]:
     left, right, tilt = values
-    require(-MAX_TILT <= tilt <= MAX_TILT)
     scale = calibration.metres_per_tick
     return [Wheels(t, left * scale, right * scale, tilt * 1e-4, 65536 * scale)]
 
 
 def _balance(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
     tilt_rate, position_error, left, right, state, reason, acknowledged = values
-    require(state < len(STATES) and reason < len(REASONS) and left >= -MAX_DUTY and right >= -MAX_DUTY)
-    return [
-        Balance(
-            t,
-            tilt_rate * 1e-3,
-            position_error * 1e-3,
-            left / MAX_DUTY,
-            right / MAX_DUTY,
-            STATES[state],
-            REASONS[reason],
-            acknowledged,
-        )
-    ]
+    duties = (left / MAX_DUTY, right / MAX_DUTY)
+    return [Balance(t, tilt_rate * 1e-3, position_error * 1e-3, *duties, STATES[state], REASONS[reason], acknowledged)]
+
+
+def _is_power(values: tuple) -> bool:
+    battery_mv, battery_ma, charger_mv, *rest = values
+    is_current = max(abs(battery_ma), *map(abs, rest)) <= MAX_MILLIAMPERES
+    return is_current and max(battery_mv, charger_mv) <= MAX_MILLIVOLTS
 
 
 def _power(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
-    battery_mv, battery_ma, charger_mv, charger_ma, left_ma, right_ma = values
-    require(max(battery_mv, charger_mv) <= MAX_MILLIVOLTS)
-    require(max(abs(battery_ma), abs(charger_ma), abs(left_ma), abs(right_ma)) <= MAX_MILLIAMPERES)
     return [Power(t, *(value * 1e-3 for value in values))]
+
+
+def _is_sonar(values: tuple) -> bool:
+    return all(echo_us <= MAX_ECHO_US or echo_us == NO_RETURN for echo_us in values)
 
 
 def _sonar(values: tuple, t: float, calibration: Calibration, _: int) -> list[Message]:
     """Two messages: the even sensors fired at t, the odd ones a slot later; nan stands for the other half."""
-    scale, reach = calibration.metres_per_microsecond, calibration.sonar_max
-    ranges = []
-    for echo_us in values:
-        metres = echo_us * scale
-        if echo_us > MAX_ECHO_US:
-            require(echo_us == NO_RETURN)
-            metres = math.inf
-        ranges.append(metres if metres <= reach else math.inf)
+    scale = calibration.metres_per_microsecond
+    reach = min(calibration.sonar_max, MAX_ECHO_US * scale)  # NO_RETURN is beyond both
+    ranges = [echo_us * scale if echo_us * scale <= reach else math.inf for echo_us in values]
     a, b, c, d, e, f, g, h = ranges
     nan = math.nan
     return [
@@ -177,11 +153,7 @@ def _sonar(values: tuple, t: float, calibration: Calibration, _: int) -> list[Me
 def _infrared(values: tuple, t: float, calibration: Calibration, _: int) -> list[Message]:
     """Counts only become metres: nearer than 10 cm the sensor's curve folds back, and it alone cannot tell."""
     table = calibration.infrared_ranges
-    try:
-        ranges = np.array([table[counts] for counts in values])
-    except IndexError:
-        raise Refused("implausible") from None
-    return [Ranges(t, "infrared", ranges)]
+    return [Ranges(t, "infrared", np.array([table[counts] for counts in values]))]
 
 
 STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED = 1, 2, 3, 4, 5, 6
@@ -190,31 +162,59 @@ DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND = 16, 17, 18
 CHANNELS: dict[int, Channel] = {
     row.number: row
     for row in (
-        Channel(STATUS, "status", struct.Struct("<BBBBIHHHH"), (DRIVE, SENSOR), _status),
-        Channel(ODOMETRY, "odometry", struct.Struct("<hhh"), (DRIVE,), _odometry),
-        Channel(BALANCE, "balance", struct.Struct("<hhbbBBB"), (DRIVE,), _balance),
-        Channel(POWER, "power", struct.Struct("<HhHhhh"), (DRIVE,), _power),
-        Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _sonar),
-        Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), _infrared),
-        Channel(DRIVE_COMMAND, "drive", struct.Struct("<hhHI"), (HOST,), None),
-        Channel(STOP_COMMAND, "stop", struct.Struct("<HI"), (HOST,), None),
-        Channel(ARM_COMMAND, "arm", struct.Struct("<HHI"), (HOST,), None),
+        Channel(
+            STATUS, "status", struct.Struct("<BBBBIHHHH"), (DRIVE, SENSOR), lambda v: _is_state(v[1], v[2]), _status
+        ),
+        Channel(ODOMETRY, "odometry", struct.Struct("<hhh"), (DRIVE,), lambda v: abs(v[2]) <= MAX_TILT, _odometry),
+        Channel(
+            BALANCE,
+            "balance",
+            struct.Struct("<hhbbBBB"),
+            (DRIVE,),
+            lambda v: _is_state(v[4], v[5]) and min(v[2:4]) >= -MAX_DUTY,
+            _balance,
+        ),
+        Channel(POWER, "power", struct.Struct("<HhHhhh"), (DRIVE,), _is_power, _power),
+        Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _is_sonar, _sonar),
+        Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), lambda v: max(v) <= MAX_COUNT, _infrared),
+        Channel(DRIVE_COMMAND, "drive", struct.Struct("<hhHI"), (HOST,), None, None),
+        Channel(STOP_COMMAND, "stop", struct.Struct("<HI"), (HOST,), None, None),
+        Channel(ARM_COMMAND, "arm", struct.Struct("<HHI"), (HOST,), None, None),
     )
 }
 
 
-def decode(frame: Frame, t: float, calibration: Calibration) -> list[Message]:
-    """The messages in a frame sampled at host time t; Refused where no board of ours can have sent it."""
+def read(frame: Frame) -> tuple:
+    """The raw numbers of a frame's payload; Refused where no board of ours can have sent it."""
     channel = CHANNELS.get(frame.channel)
     if channel is None:
         raise Refused("unknown")
-    if channel.decode is None or frame.source not in channel.sources:
+    if channel.is_plausible is None or frame.source not in channel.sources:
         raise Refused("source")
-    if frame.channel == STATUS and frame.payload[:1] != bytes((PROTOCOL_VERSION,)):
+    if frame.channel == STATUS and frame.payload[:1] != VERSION_BYTE:
         raise Refused("version")  # before the length, which another version may have changed
     if len(frame.payload) != channel.payload.size:
         raise Refused("length")
-    return channel.decode(channel.payload.unpack(frame.payload), t, calibration, frame.source)
+    values = channel.payload.unpack(frame.payload)
+    if not channel.is_plausible(values):
+        raise Refused("implausible")
+    return values
+
+
+def convert(frame: Frame, values: tuple, t: float, calibration: Calibration) -> list[Message]:
+    """The messages of a frame that was read, sampled at host time t."""
+    to_messages = CHANNELS[frame.channel].convert
+    return to_messages(values, t, calibration, frame.source) if to_messages else []
+
+
+def decode(frame: Frame, t: float, calibration: Calibration) -> list[Message]:
+    """The messages of a frame sampled at host time t; Refused where no board of ours can have sent it."""
+    return convert(frame, read(frame), t, calibration)
+
+
+def uptime_and_boots(values: tuple) -> tuple[int, int]:
+    """Milliseconds since boot, and the number of boots, of a status frame that was read."""
+    return values[4], values[5]
 
 
 def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:

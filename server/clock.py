@@ -1,10 +1,10 @@
 """A board's 16-bit millisecond counter to host seconds.
 
 Frames carry the low 16 bits of the board's milliseconds, sampled when the sensor was read; the host knows when the
-bytes arrived. What separates the two is the clocks' offset and drift, and the way: a fixed part that cannot be told from
-offset, and a varying part that only adds. So the line under the cloud of (arrival - board time) is the clock: a decaying
-regression as in Klipper's clocksync, over the least value of each second. Everything here is a function of the frames
-and their arrival times alone: a recording gives the same times again.
+bytes arrived. What separates the two is the clocks' offset and drift, and the way: a fixed part that cannot be told
+from offset, and a varying part that only adds. So the line under the cloud of (arrival - board time) is the clock: a
+decaying regression as in Klipper's clocksync, over the least value of each second. Everything here is a function of
+the frames and their arrival times alone: a recording gives the same times again.
 """
 
 from __future__ import annotations
