@@ -80,7 +80,7 @@ class InlineEstimator:
 
     def submit(self, keyframe: Keyframe) -> None:
         """Extend the filter and deliver its estimate before returning."""
-        self.path_filter.extend(keyframe.pose, keyframe.walls)
+        self.path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         self.vertices += 1
         estimate = estimate_of(self.path_filter, keyframe.t, self.shown)
         self.n_particles = estimate.n_particles
@@ -173,7 +173,7 @@ class WorkerEstimator:
         self.budget = ParticleBudget(n_particles, self.params)
         self.keyframes: list[Keyframe] = []
         self.answered = 0  # keyframes that the present worker has computed
-        self.fed_again = 0  # keyframes below this are known from an earlier worker and shed nothing
+        self.fed_again = 0  # keyframes below this waited for a worker to start and shed nothing
         self.progress = 0  # most keyframes that any worker has answered
         self.losses = 0  # since the last progress
         self.restarts = 0
@@ -215,7 +215,7 @@ class WorkerEstimator:
         """Keep a worker alive and fed until cancelled; after too many losses in a row only the state says `failed`."""
         while self.losses < self.params.attempts:
             self.worker = await asyncio.to_thread(Worker, self.factory, self.params.shown)
-            self.answered, self.fed_again, self.has_answered = 0, self.progress, False
+            self.answered, self.has_answered = 0, False
             try:
                 async with asyncio.TaskGroup() as group:
                     group.create_task(self._watch(self.worker))
@@ -238,6 +238,7 @@ class WorkerEstimator:
     async def _feed(self, worker: Worker) -> None:
         """One batch at a time, for ever."""
         await worker.receive()  # its first word
+        self.fed_again = len(self.keyframes)
         while True:
             if self.answered == len(self.keyframes):
                 self.state = "idle"

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from server.messages import Estimate, Keyframe
+from slam.walls import Walls
 
 IDLE_BEAT = 0.2  # s between two beats of a worker without work
 
@@ -22,8 +23,8 @@ IDLE_BEAT = 0.2  # s between two beats of a worker without work
 class PathFilterLike(Protocol):
     """What an estimator of paths can do; `slam.path_filter.PathFilter` is one."""
 
-    def extend(self, pose: np.ndarray, walls: Any) -> None:
-        """Add a vertex: pose (3,) in the odometry frame and the walls seen there."""
+    def extend(self, pose: np.ndarray, walls: Walls, travelled: float) -> None:
+        """Add a vertex: pose (3,) in the odometry frame, the walls seen there, m of path since the last one."""
         ...
 
     def estimate(self, max_particles: int = 500) -> Any:
@@ -93,7 +94,7 @@ def serve(connection: Any, beats: Any, factory: FilterFactory, shown: int) -> No
 def _work(path_filter: PathFilterLike, batch: Batch, beats: Any, shown: int) -> Answer:
     started = time.perf_counter()
     for keyframe in batch.keyframes:
-        path_filter.extend(keyframe.pose, keyframe.walls)
+        path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         beats.value += 1
     estimate = estimate_of(path_filter, batch.keyframes[-1].t, shown)
     return Answer(estimate, time.perf_counter() - started)
