@@ -117,6 +117,12 @@ def load(
         raise explain(error, layers) from None
 
 
+def check_robot(name: str) -> None:
+    """ConfigError for a robot that nobody knows."""
+    if name not in ROBOTS:
+        raise ConfigError(f"robot `{name}` is unknown; known: {', '.join(ROBOTS)}")
+
+
 def defaults() -> dict[str, Any]:
     """Every default, nested."""
     return Config().model_dump()
@@ -226,8 +232,8 @@ def unknown_keys(
 
 
 def known_part(values: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """The keys that exist: a recording of another version must still be read."""
-    kept = {key: value for key, value in values.items() if key in model.model_fields}
+    """The keys that exist and have a value: a recording of another version must still be read."""
+    kept = {key: value for key, value in values.items() if key in model.model_fields and value is not None}
     for key, value in kept.items():
         below = model_of(model.model_fields[key].annotation)
         if below is not None and isinstance(value, Mapping):
@@ -247,7 +253,8 @@ def explain(error: ValidationError, layers: list[Layer]) -> ConfigError:
     """The first mistake that validation found, with the strongest place that holds the value."""
     first = error.errors()[0]
     keys = tuple(str(part) for part in first["loc"])
-    place = next((place_of(layer, keys) for layer in layers if holds(layer.values, keys)), "defaults")
+    stated = keys[:-1] if first["type"] == "missing" else keys
+    place = next((place_of(layer, stated) for layer in layers if holds(layer.values, stated)), "defaults")
     wanted = first["msg"][0].lower() + first["msg"][1:]
     return ConfigError(f"{place}: {'.'.join(keys)} = {first['input']!r} cannot be used; {wanted}")
 

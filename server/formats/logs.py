@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from server.channels import Calibration
 from server.formats import carmen, sonar8, sparse
 from server.formats.errors import FormatError, read_bytes
 from server.messages import Message
@@ -22,18 +24,20 @@ class Log:
     """A log that can be read again and again; each call of `messages` begins at its start."""
 
     path: Path
-    kind: str  # "carmen" or "sonar8"
+    kind: str  # "rlog", "carmen" or "sonar8"
     description: str
-    source: Callable[[], Iterator[Message]]
-    sensors: dict[str, RingParams]  # the rings that its Ranges speak of
-    n_odometry: int
+    source: Callable[[Calibration], Iterator[Message]]
+    sensors: dict[str, RingParams] | None  # the rings that its Ranges speak of; None: the robot's own
+    n_odometry: int  # exact in foreign logs, about so many in our own
+    robot: str | None = None  # who recorded it, if it says so
+    configuration: Mapping[str, Any] = field(default_factory=dict)  # that it was recorded with
     mount: np.ndarray = field(default_factory=lambda: np.zeros(3))  # pose on the robot of the frame that Odometry moves
-    truncated_at: int | None = None  # line at which the file was cut
+    truncated_at: int | None = None  # where the file was cut: a line, or an offset in a recording
     warnings: tuple[str, ...] = ()
 
-    def messages(self) -> Iterator[Message]:
-        """The messages in file order."""
-        return self.source()
+    def messages(self, calibration: Calibration | None = None) -> Iterator[Message]:
+        """The messages in file order; raw counts of our own recordings become metres by the calibration."""
+        return self.source(calibration or Calibration())
 
 
 def read_log(path: Path | str, beams: int | None = None, max_range: float | None = None) -> Log:
@@ -61,7 +65,7 @@ def sonar8_log(folder: Path) -> Log:
         path=folder,
         kind="sonar8",
         description=f"{len(recording.times)} sweeps of eight sonars",
-        source=lambda: sonar8.messages(recording),
+        source=lambda _: sonar8.messages(recording),
         sensors={"sonar": sonar8.RING},
         n_odometry=len(recording.times),
     )
@@ -79,7 +83,7 @@ def carmen_log(path: Path, reduction: sparse.Reduction) -> Log:
         path=path,
         kind="carmen",
         description=f"{len(recording.scans)} laser scans as {names}",
-        source=lambda: sparse.messages(recording, sensors),
+        source=lambda _: sparse.messages(recording, sensors),
         sensors={sensor.name: sensor.ring for sensor in sensors},
         n_odometry=len(recording.odometry),
         mount=recording.mount,

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from server.formats.errors import FormatError, read_lines
+from slam.evaluate import Relations
 
 REMEDY = "each row of a relations file is `time1 time2 x y z roll pitch yaw`"
-
-
-class Relations(NamedTuple):
-    """Where the robot of time `ends` stood as seen from where it stood at `starts`: motions (n, 3), times (n,)."""
-
-    starts: np.ndarray
-    ends: np.ndarray
-    motions: np.ndarray
 
 
 def read_relations(path: Path | str) -> Relations:

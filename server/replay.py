@@ -1,0 +1,231 @@
+"""A log to a map, without a clock: messages through the robot's fold, its keyframes through the path filter, files out.
+
+`run_log` is the whole of it for benchmarks, without any file; `replay` is what `crunch replay` does with one log. Uses
+its sibling `recorded` for our own recordings.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from server import config, maps
+from server.formats.atomic import make_directory, write_atomically
+from server.formats.errors import FormatError
+from server.formats.g2o import format_g2o
+from server.formats.logs import Log
+from server.formats.ros_map import write_ros_map
+from server.formats.tum import format_tum
+from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
+from server.recorded import open_log
+from server.report import Report, describe_machine, peak_rss_mb
+from server.robots.crunch import Crunch, CrunchParams
+from slam.path_filter import PathEstimate, PathFilter
+from slam.pose import compose, inverse
+from slam.trajectory import correct
+from slam.walls import Walls
+
+PROGRESS_STEP = 500  # odometry readings between two words of progress
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What `crunch replay` was asked for; `flags` and `assignments` go to the configuration."""
+
+    robot: str = "crunch"
+    seed: int = 0
+    threads: int | None = None  # None takes all cores
+    beams: int | None = None
+    max_range: float | None = None
+    file: Path | None = None
+    flags: Mapping[str, Any] = field(default_factory=dict)
+    assignments: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a log holds once the robot has folded it: odometry (n, 3) at times (n,), and what its vertices saw."""
+
+    times: np.ndarray
+    odometry: np.ndarray
+    keyframes: list[Keyframe]
+    rows: np.ndarray  # (v,) odometry row of each keyframe
+
+    @property
+    def walls(self) -> list[Walls]:
+        """What each vertex saw."""
+        return [keyframe.walls for keyframe in self.keyframes]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds."""
+
+    drive: Drive
+    estimate: PathEstimate
+    trajectory: np.ndarray
+    seconds: dict[str, float]
+
+    @property
+    def path(self) -> np.ndarray:
+        """The best particle's vertices (v, 3)."""
+        return self.estimate.path
+
+
+def run_log(
+    log: Log, params: CrunchParams, seed: int = 0, threads: int = 1, progress: Progress | None = None
+) -> Result:
+    """Map a log in memory; FormatError where it lacks odometry or ranges. The same arguments give the same bits.
+
+    `seconds` tells the parts: `fold` (decoding, local map, walls) and `filter`, kernels being compiled before.
+    """
+    params = with_sensors(params, log)
+    warm_up(params, threads)
+    path_filter = PathFilter(params.filter_params(), seed, threads)
+    started = time.perf_counter()
+    spent = 0.0
+
+    def extend(keyframe: Keyframe) -> None:
+        nonlocal spent
+        before = time.perf_counter()
+        path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+        spent += time.perf_counter() - before
+
+    drive = fold(log, Crunch(params), extend, progress)
+    before = time.perf_counter()
+    estimate = path_filter.estimate()
+    trajectory = correct(drive.odometry, drive.rows, estimate.path)
+    if np.any(log.mount):
+        trajectory = compose(trajectory, inverse(log.mount))
+    ended = time.perf_counter()
+    seconds = {"fold": before - started - spent, "filter": spent + ended - before, "total": ended - started}
+    return Result(drive, estimate, trajectory, seconds)
+
+
+def with_sensors(params: CrunchParams, log: Log) -> CrunchParams:
+    """The robot with the senses that the log was made with."""
+    return params.model_copy(update={"sensors": log.sensors}) if log.sensors else params
+
+
+def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: Progress | None = None) -> Drive:
+    """Step the robot through a log, in file order; each keyframe goes to `extend`."""
+    times: list[float] = []
+    poses: list[np.ndarray] = []
+    keyframes: list[Keyframe] = []
+    rows: list[int] = []
+    has_ranges = False
+    for message in log.messages(robot.params.calibration):
+        effects = robot.step(message)
+        if isinstance(message, (Odometry, Wheels)):
+            times.append(message.t)
+            poses.append(robot.odometry)
+            if progress and len(times) % PROGRESS_STEP == 0:
+                progress(len(times))
+        elif isinstance(message, Ranges):
+            has_ranges = True
+        for effect in effects:
+            if isinstance(effect, Keyframe):
+                keyframes.append(effect)
+                rows.append(len(times) - 1)
+                extend(effect)
+    check_complete(log, bool(times), has_ranges, bool(keyframes))
+    return Drive(np.array(times), np.array(poses), keyframes, np.array(rows))
+
+
+def check_complete(log: Log, has_odometry: bool, has_ranges: bool, has_vertices: bool) -> None:
+    """FormatError for a log from which no map can be made."""
+    if not has_odometry:
+        raise FormatError(log.path, None, "holds no odometry", "replay a log whose robot reported its wheels")
+    if not has_ranges:
+        raise FormatError(log.path, None, "holds no ranges", "replay a log whose robot reported its rangefinders")
+    if not has_vertices:
+        raise FormatError(log.path, None, "has no odometry after its first ranges", "replay a longer log")
+
+
+def warm_up(params: CrunchParams, threads: int) -> None:
+    """Compile or load every kernel that a run needs, so that its time is the run's own."""
+    small = params.filter.model_copy(update={"particles": 8 * threads, "gap": 1, "threshold": 1.0})
+    robot = Crunch(params.model_copy(update={"filter": small}))
+    path_filter = PathFilter(robot.params.filter_params(), 0, threads)
+    for step in range(8):  # there and back again, so that vertices meet
+        messages: list[Message] = [Odometry(float(step), params.vertex_spacing * (step % 3), 0.0, 0.0)]
+        for name, ring in params.sensors.items():
+            messages.append(Ranges(float(step), name, np.full(len(ring.bearings_deg), 0.5 * ring.max_range)))
+        for message in messages:
+            for effect in robot.step(message):
+                if isinstance(effect, Keyframe):
+                    path_filter.extend(effect.pose, effect.walls, effect.travelled)
+    path_filter.estimate()
+
+
+def replay(path: Path, out: Path, options: Options, progress: Progress | None = None, log: Log | None = None) -> Report:
+    """Map the log at `path` and write everything into the folder `out`; UserError where a person can mend it."""
+    config.check_robot(options.robot)
+    make_directory(out)
+    log = log or open_log(path, options.beams, options.max_range)
+    settings = config.load(options.flags, options.file, log.configuration, options.assignments)
+    params = with_sensors(getattr(settings, options.robot), log)
+    threads = options.threads or os.cpu_count() or 1
+    result = run_log(log, params, options.seed, threads, progress)
+    before = time.perf_counter()
+    report = report_of(result, log, options, params)
+    write_outputs(out, result, params, report)
+    seconds = {**report.seconds, "write": round(time.perf_counter() - before, 3)}
+    report = report.model_copy(update={"seconds": seconds, "peak_rss_mb": peak_rss_mb()})
+    write_atomically(out / "report.json", report.model_dump_json(indent=2) + "\n")  # last: the folder is complete
+    return report
+
+
+def report_of(result: Result, log: Log, options: Options, params: CrunchParams) -> Report:
+    """The figures of a run."""
+    estimate, drive = result.estimate, result.drive
+    duration = float(drive.times.max() - drive.times.min())
+    return Report(
+        robot=options.robot,
+        log=str(log.path),
+        kind=log.kind,
+        description=log.description,
+        seed=options.seed,
+        particles=params.filter.particles,
+        vertices=len(estimate.path),
+        odometry_readings=len(drive.times),
+        path_length_m=round(maps.path_length(result.trajectory), 3),
+        duration_s=round(duration, 3),
+        wall_s=round(result.seconds["total"], 3),
+        real_time_factor=round(duration / result.seconds["total"], 1),
+        seconds={name: round(spent, 3) for name, spent in result.seconds.items() if name != "total"},
+        peak_rss_mb=peak_rss_mb(),
+        resamplings=estimate.resamplings,
+        effective_particles=round(float(estimate.effective_particles), 3),
+        fixed_depth=int(estimate.fixed_depth),
+        affinity=round(float(estimate.affinity), 6),
+        plausibility=round(float(estimate.plausibility), 6),
+        truncated_at=log.truncated_at,
+        warnings=list(log.warnings),
+        versions=describe_machine(),
+    )
+
+
+def write_outputs(out: Path, result: Result, params: CrunchParams, report: Report) -> None:
+    """Every file but the report; each is there whole or not at all."""
+    drive, estimate = result.drive, result.estimate
+    floor = maps.floor_map(estimate.path, drive.walls, int(estimate.fixed_depth))
+    odometry = np.array([keyframe.pose for keyframe in drive.keyframes])
+    motion = params.filter.motion
+    graph = maps.pose_graph(estimate.path, odometry, motion.turn_noise, motion.distance_noise)
+    times = drive.times[drive.rows]
+    assert floor.grid is not None
+    write_atomically(out / "trajectory.tum", format_tum(drive.times, result.trajectory))
+    write_ros_map(out / "map", floor.grid)
+    write_atomically(out / "map.json", maps.map_json(floor, report.robot))
+    write_atomically(out / "path.g2o", format_g2o(graph))
+    write_atomically(out / "profile.csv", maps.profile_csv(times, estimate.path, estimate.profile, floor.settled - 1))
+    write_atomically(out / "map.png", maps.draw_png(floor, *report.headline()))

@@ -1,0 +1,75 @@
+"""What a replay was and what came of it: the figures of `report.json` (docs/outputs.md)."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import resource
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+from pydantic import BaseModel
+
+
+class Report(BaseModel):
+    """Names carry their units; `wall_s` and `real_time_factor` are of the run without compiling and without files."""
+
+    robot: str
+    log: str
+    kind: str
+    description: str
+    seed: int
+    particles: int
+    vertices: int
+    odometry_readings: int
+    path_length_m: float
+    duration_s: float
+    wall_s: float
+    real_time_factor: float
+    seconds: dict[str, float]
+    peak_rss_mb: float
+    resamplings: int
+    effective_particles: float
+    fixed_depth: int
+    affinity: float
+    plausibility: float
+    truncated_at: int | None
+    warnings: list[str]
+    versions: dict[str, str]
+
+    def headline(self) -> tuple[str, str]:
+        """Title and subtitle of the map's picture."""
+        title = f"{self.robot.capitalize()} on {Path(self.log).name}"
+        subtitle = f"{self.particles:,} particles, seed {self.seed} · {self.vertices:,} vertices · "
+        return title, f"{subtitle}{self.path_length_m:.0f} m · {self.real_time_factor:,.0f} times real time"
+
+    def summary(self) -> str:
+        """One line for the terminal."""
+        return (
+            f"{self.path_length_m:.1f} m, {self.vertices} vertices, {self.particles} particles, "
+            f"{self.resamplings} resamplings, {self.wall_s:.1f} s ({self.real_time_factor:.0f} times real time)"
+        )
+
+
+def peak_rss_mb() -> float:
+    """The most memory that this process has held, in MB."""
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6, 1)
+
+
+def version() -> str:
+    """The installed version of Crunch."""
+    return importlib.metadata.version("crunch")
+
+
+def describe_machine() -> dict[str, str]:
+    """What the figures depend on beside the sources."""
+    return {
+        "crunch": version(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "platform": f"{platform.system()} {platform.machine()}",
+    }
