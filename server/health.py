@@ -49,7 +49,7 @@ class SourceHealth:
         return max(gap + wraps * SEQUENCES, 0)  # a frame heard twice looks like the longest gap, and is none
 
     def summary(self, t: float) -> dict:
-        """Age of the newest frame (s) and loss of the last seconds (share), None before the first; counts since the start."""
+        """Age of the newest frame (s) and loss of the last seconds (share), None before the first; and all counts."""
         recent = [second for second in self.seconds if second[0] > t - WINDOW]
         received, lost = sum(second[1] for second in recent), sum(second[2] for second in recent)
         if self.received == 0:

@@ -1,0 +1,310 @@
+"""Links that carry a robot's bytes: serial ports, TCP, pseudo-terminals, and a virtual robot inside this process.
+
+Every link looks the same: `run` is awaited in the caller's task group, hands over bytes with the time of their arrival,
+and opens the line again, ever more patiently, whenever it is lost; `write` never waits. Nothing here knows what the
+bytes mean.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import time
+from collections.abc import Awaitable, Callable
+from typing import NamedTuple, Protocol
+from urllib.parse import parse_qsl, urlsplit
+
+import serial_asyncio_fast
+
+from server.errors import UserError
+
+BAUD = 38400
+FORMS = "serial:/dev/ttyUSB0[?baud=38400], tcp://host:port, pty:PATH or virtual:[WORLD][?seed=0&speed=1]"
+READ_SIZE = 4096
+MAX_WAITING = 512  # bytes kept for a slow line (0.13 s at 38400 baud); a command that waited longer is refused anyway
+CONNECT_SECONDS = 5.0
+CLOSE_SECONDS = 0.5
+TICK = 0.01  # s between two steps of the virtual robot
+LONGEST_STEP = 1.0  # s that it catches up at most after this process slept
+
+Receive = Callable[[bytes, float], None]
+Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+class LinkError(UserError):
+    """A link that cannot be understood; the message names the accepted forms."""
+
+
+class Backoff(NamedTuple):
+    """Seconds between two attempts: the first pause, doubled up to the last."""
+
+    first: float = 0.5
+    last: float = 5.0
+
+
+class Link(Protocol):
+    """A line to a robot."""
+
+    @property
+    def spec(self) -> str:
+        """The text that named it."""
+        ...
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the line is open now."""
+        ...
+
+    @property
+    def reconnects(self) -> int:
+        """How often the line was opened again."""
+        ...
+
+    @property
+    def error(self) -> str:
+        """Why the line was last lost or not found; empty while it is open."""
+        ...
+
+    async def run(self, receive: Receive) -> None:
+        """Calls receive(bytes, arrival) until cancelled; arrivals are seconds of `now`."""
+        ...
+
+    def write(self, data: bytes) -> bool:
+        """Sends at once or not at all: what cannot go now is old when it could."""
+        ...
+
+    def now(self) -> float:
+        """The clock that arrivals are told in (s)."""
+        ...
+
+    def summary(self) -> dict:
+        """State and counts for people."""
+        ...
+
+
+class StreamLink:
+    """A link over asyncio's streams, opened by `connect`, again and again."""
+
+    def __init__(self, spec: str, connect: Callable[[], Awaitable[Streams]], backoff: Backoff) -> None:
+        self.spec = spec
+        self.connect = connect
+        self.backoff = backoff
+        self.writer: asyncio.StreamWriter | None = None
+        self.connections = 0
+        self.received = self.sent = self.dropped = 0  # bytes
+        self.error = ""
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the line is open now."""
+        return self.writer is not None
+
+    @property
+    def reconnects(self) -> int:
+        """How often the line was opened again."""
+        return max(self.connections - 1, 0)
+
+    def now(self) -> float:
+        """The host's monotonic clock."""
+        return time.monotonic()
+
+    def write(self, data: bytes) -> bool:
+        """Sends unless the line is closed or congested; then the bytes are dropped and counted."""
+        if self.writer is None or self.writer.transport.get_write_buffer_size() + len(data) > MAX_WAITING:
+            self.dropped += len(data)
+            return False
+        self.writer.write(data)
+        self.sent += len(data)
+        return True
+
+    def summary(self) -> dict:
+        """State and counts for people."""
+        return {
+            "spec": self.spec,
+            "connected": self.is_connected,
+            "reconnects": self.reconnects,
+            "received": self.received,
+            "sent": self.sent,
+            "dropped": self.dropped,
+            "error": self.error,
+        }
+
+    async def run(self, receive: Receive) -> None:
+        """Opens the line, listens, and begins again when it is lost."""
+        pause = self.backoff.first
+        while True:
+            before = self.received
+            try:
+                reader, writer = await self.connect()
+                await self._listen(reader, writer, receive)
+                self.error = "closed by the other end"
+            except (OSError, TimeoutError) as error:
+                self.error = str(error) or type(error).__name__
+            if self.received > before:  # the line was good; one that only opens and closes is not
+                pause = self.backoff.first
+            await asyncio.sleep(pause)
+            pause = min(2.0 * pause, self.backoff.last)
+
+    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, receive: Receive) -> None:
+        self.writer = writer
+        self.connections += 1
+        self.error = ""
+        try:
+            while data := await reader.read(READ_SIZE):
+                self.received += len(data)
+                receive(data, self.now())
+        finally:
+            self.writer = None
+            await close(writer)
+
+
+async def close(writer: asyncio.StreamWriter) -> None:
+    """Sends what waits, then closes; a line that takes nothing more is cut."""
+    writer.close()
+    try:
+        async with asyncio.timeout(CLOSE_SECONDS):
+            await writer.wait_closed()
+    except (OSError, TimeoutError):
+        writer.transport.abort()
+
+
+class Virtual(Protocol):
+    """What a virtual robot offers: it lives only while it is advanced."""
+
+    def advance(self, seconds: float) -> bytes:
+        """Lives on for some time; the bytes that reached the host meanwhile."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Bytes from the host."""
+        ...
+
+
+class VirtualLink:
+    """A virtual robot in this process, in real time or `speed` times as fast; then `now` runs as fast as it does."""
+
+    reconnects = 0
+    error = ""
+
+    def __init__(self, robot: Virtual, spec: str = "virtual:", speed: float = 1.0) -> None:
+        self.robot = robot
+        self.spec = spec
+        self.speed = speed
+        self.origin = time.monotonic()
+        self.is_connected = False
+        self.received = self.sent = 0
+
+    def now(self) -> float:
+        """The robot's time, counted from the host's monotonic clock at its birth."""
+        return self.origin + (time.monotonic() - self.origin) * self.speed
+
+    def write(self, data: bytes) -> bool:
+        """Hands the bytes to the robot's radio."""
+        self.robot.write(data)
+        self.sent += len(data)
+        return True
+
+    def summary(self) -> dict:
+        """State and counts for people."""
+        counts = {"received": self.received, "sent": self.sent, "dropped": 0}
+        return {"spec": self.spec, "connected": self.is_connected, "reconnects": 0, **counts, "error": ""}
+
+    async def run(self, receive: Receive) -> None:
+        """Lets the robot live as time passes."""
+        self.is_connected = True
+        lived = self.now()
+        try:
+            while True:
+                await asyncio.sleep(TICK)
+                now = self.now()
+                data = self.robot.advance(min(now - lived, LONGEST_STEP * self.speed))
+                lived = now
+                if data:
+                    self.received += len(data)
+                    receive(data, now)
+        finally:
+            self.is_connected = False
+
+
+def open_link(spec: str, backoff: Backoff = Backoff()) -> Link:  # noqa: B008 (a NamedTuple is frozen)
+    """The link that a text like `tcp://robot:9000` names, not yet running; LinkError where it names none."""
+    scheme, colon, rest = spec.partition(":")
+    if colon:
+        match scheme:
+            case "serial":
+                return serial_link(spec, rest, backoff)
+            case "tcp":
+                return tcp_link(spec, backoff)
+            case "pty" if rest:
+                return StreamLink(spec, lambda: open_serial(rest, BAUD), backoff)
+            case "virtual":
+                return virtual_link(spec, rest)
+    raise malformed(spec, "is no link")
+
+
+def malformed(spec: str, fault: str) -> LinkError:
+    """The error for a text that names no link."""
+    return LinkError(f"link {spec!r} {fault}; use {FORMS}")
+
+
+def options(spec: str, rest: str, allowed: tuple[str, ...]) -> tuple[str, dict[str, str]]:
+    """The part before a question mark, and the settings after it."""
+    place, _, query = rest.partition("?")
+    try:
+        settings = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
+    except ValueError:
+        raise malformed(spec, f"has settings that are not name=value: {query!r}") from None
+    for name in settings:
+        if name not in allowed:
+            raise malformed(spec, f"has an unknown setting {name!r} (known: {', '.join(allowed)})")
+    return place, settings
+
+
+def serial_link(spec: str, rest: str, backoff: Backoff) -> StreamLink:
+    """`serial:/dev/ttyUSB0?baud=38400`."""
+    place, settings = options(spec, rest, ("baud",))
+    baud = settings.get("baud", str(BAUD))
+    if not place or not baud.isdecimal() or int(baud) == 0:
+        raise malformed(spec, "names no device" if not place else f"has no usable baud rate: {baud!r}")
+    return StreamLink(spec, lambda: open_serial(place, int(baud)), backoff)
+
+
+async def open_serial(place: str, baud: int) -> Streams:
+    """Streams over a serial device or a pseudo-terminal."""
+    return await serial_asyncio_fast.open_serial_connection(url=place, baudrate=baud)
+
+
+def tcp_link(spec: str, backoff: Backoff) -> StreamLink:
+    """`tcp://host:port`."""
+    try:
+        parts = urlsplit(spec)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        raise malformed(spec, "has no usable port") from None
+    if not host or not port or parts.path.strip("/"):
+        raise malformed(spec, "does not name a host and a port")
+
+    async def connect() -> Streams:
+        async with asyncio.timeout(CONNECT_SECONDS):
+            reader, writer = await asyncio.open_connection(host, port)
+        with contextlib.suppress(OSError):  # notices a peer that vanished without a word
+            writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        return reader, writer
+
+    return StreamLink(spec, connect, backoff)
+
+
+def virtual_link(spec: str, rest: str) -> VirtualLink:
+    """`virtual:`, or `virtual:WORLD?seed=1&speed=2&drift=low`; WORLD is a file or a built-in world's name."""
+    world, settings = options(spec, rest, ("seed", "speed", "drift"))
+    try:
+        seed, speed = int(settings.get("seed", "0")), float(settings.get("speed", "1"))
+    except ValueError:
+        raise malformed(spec, "needs numbers for seed and speed") from None
+    if not 0.0 < speed <= 1000.0:
+        raise malformed(spec, "needs a speed above 0, up to 1000")
+    from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
+
+    robot = virtual.VirtualCrunch(virtual.load_world(world or "demo"), seed=seed, drift=settings.get("drift", "medium"))
+    return VirtualLink(robot, spec, speed)
