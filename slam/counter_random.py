@@ -4,7 +4,8 @@ A key is (seed, vertex, particle, stream). Every word of it selects one output o
 output seeds the generator of the next word (Steele, Lea and Flood, Fast splittable pseudorandom number generators,
 OOPSLA 2014): a tree of generators in which any number is reached directly, in any order, by any thread.
 
-Streams keep apart what one particle draws at one vertex; whoever draws names its streams. Key words are non-negative.
+Streams keep apart what one particle draws at one vertex; whoever draws names its streams. Words are
+integers from 0 to 2^63 - 1.
 """
 
 from __future__ import annotations

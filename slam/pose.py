@@ -7,7 +7,8 @@ import numpy as np
 
 def wrap(angles: np.ndarray | float) -> np.ndarray:
     """Angles in (-pi, pi]."""
-    return np.pi - np.mod(np.pi - np.asarray(angles, float), 2.0 * np.pi)
+    wrapped = np.pi - np.mod(np.pi - np.asarray(angles, float), 2.0 * np.pi)
+    return wrapped + 2.0 * np.pi * (wrapped <= -np.pi)  # where the remainder rounds up to a whole turn
 
 
 def compose(pose_a_b: np.ndarray, pose_b_c: np.ndarray) -> np.ndarray:

@@ -24,16 +24,20 @@ from slam.pose import wrap
 class VfhParams(Params):
     """Densities are metres of certain wall on the way, discounted with distance."""
 
-    sectors: int = Field(72, ge=8)  # of the polar histogram
-    reach: float = Field(1.0, gt=0.0)  # m; obstacles beyond do not count
-    threshold: float = Field(0.01, gt=0.0)  # m; density that closes a sector
-    smoothing: int = Field(1, ge=0)  # neighbours on either side that a sector is averaged with
-    robot_radius: float = Field(0.076, ge=0.0)  # m
-    clearance: float = Field(0.12, ge=0.0)  # m, added to the robot's radius
-    wide_valley_deg: float = Field(60.0, gt=0.0, le=180.0)  # a wider valley is entered half of this off its side
-    commitment: float = Field(0.5, ge=0.0, le=1.0)  # weight of the last bearing against the goal's in a choice of ways
-    max_speed: float = Field(0.3, gt=0.0)  # m/s
-    stop_density: float = Field(0.02, gt=0.0)  # m; density straight ahead at which the robot only turns
+    sectors: int = Field(default=72, ge=8)  # of the polar histogram
+    reach: float = Field(default=1.0, gt=0.0)  # m; obstacles beyond do not count
+    threshold: float = Field(default=0.01, gt=0.0)  # m; density that closes a sector
+    smoothing: int = Field(default=1, ge=0)  # neighbours on either side that a sector is averaged with
+    robot_radius: float = Field(default=0.076, ge=0.0)  # m
+    clearance: float = Field(default=0.12, ge=0.0)  # m, added to the robot's radius
+    wide_valley_deg: float = Field(
+        default=60.0, gt=0.0, le=180.0
+    )  # a wider valley is entered half of this off its side
+    commitment: float = Field(
+        default=0.5, ge=0.0, le=1.0
+    )  # weight of the last bearing against the goal's in a choice of ways
+    max_speed: float = Field(default=0.3, gt=0.0)  # m/s
+    stop_density: float = Field(default=0.02, gt=0.0)  # m; density straight ahead at which the robot only turns
 
     @property
     def half_width(self) -> float:
@@ -61,8 +65,8 @@ class Way(NamedTuple):
 def widened_obstacles(grid, pose, reach, limit, half_width, n_sectors):
     """Weight (rings, sectors) of the strongest obstacle of each ring that a robot on its way along the sector touches.
 
-    Rings are one cell deep. The weight is certainty^2 (1 - distance / reach); the certainty of cells that are more likely
-    occupied than not is 2 p - 1 = tanh(log odds / 2). Cells beyond `limit` m do not count, nor do those within half a
+    Rings are one cell deep. The weight is certainty^2 (1 - distance / reach); the certainty of a cell is 2 p - 1, that
+    is tanh(log odds / 2), and 0 if it is rather free. Cells beyond `limit` m do not count, nor do those within half a
     cell of the robot's centre, which have no bearing.
     """
     resolution = grid.resolution
