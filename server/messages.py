@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from slam.walls import Walls
+
 
 @dataclass(frozen=True, slots=True)
 class Wheels:
@@ -160,12 +162,16 @@ class ArmCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
-    """Effect: a vertex for the estimator; `pose` (3,) in the odometry frame, `walls` what was seen there."""
+    """Effect: a vertex for the estimator.
+
+    `pose` (3,) in the odometry frame, `walls` what was seen there, `travelled` m of path since the vertex before.
+    """
 
     t: float
     index: int
     pose: np.ndarray
-    walls: object  # slam.walls.Walls
+    walls: Walls
+    travelled: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,7 +40,13 @@ def crunch_sensors() -> dict[str, RingParams]:
     """Crunch's eight sonars and eight GP2D12 infra-red rangefinders (thesis, 1.2)."""
     return {
         "sonar": RingParams(
-            model="sonar", bearings_deg=EIGHT, offset=0.07, height=0.152, half_angle_deg=22.5, min_range=0.03, max_range=3.0
+            model="sonar",
+            bearings_deg=EIGHT,
+            offset=0.07,
+            height=0.152,
+            half_angle_deg=22.5,
+            min_range=0.03,
+            max_range=3.0,
         ),
         "infrared": RingParams(
             model="infrared", bearings_deg=EIGHT, offset=0.05, height=0.203, min_range=0.10, max_range=0.80

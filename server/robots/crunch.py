@@ -1,0 +1,282 @@
+"""Crunch: the balancing robot with eight sonars and eight infra-red rangefinders. What it is and what it does.
+
+Logs of other robots are mapped by the same estimator: their odometry comes integrated, their rings of sensors differ.
+Uses its sibling `odometry`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from pydantic import Field
+
+from server.channels import Calibration
+from server.messages import (
+    Arm,
+    ArmCommand,
+    Balance,
+    Drive,
+    DriveCommand,
+    Effect,
+    Estimate,
+    Goal,
+    Keyframe,
+    Message,
+    Odometry,
+    Power,
+    Ranges,
+    Snapshot,
+    Status,
+    Stop,
+    StopCommand,
+    Wheels,
+)
+from server.robots.odometry import WheelOdometry
+from slam.local_map import LocalMap, LocalMapParams
+from slam.params import Params
+from slam.path_filter import PathFilterParams
+from slam.pose import between, compose, transform
+from slam.rangefinder import RingParams, crunch_sensors
+from slam.vfh import Vfh, VfhParams
+from slam.walls import WallParams, Walls, curves, extract
+
+
+class CrunchParams(Params):
+    """Everything that makes this robot this robot."""
+
+    sensors: dict[str, RingParams] = Field(default_factory=crunch_sensors)
+    calibration: Calibration = Calibration()
+    track: float = Field(0.19, gt=0.0)  # m between the wheels
+    vertex_spacing: float = Field(0.5, gt=0.0)  # m of path between vertices (thesis, 2.3)
+    hindsight: int = Field(
+        2, ge=0
+    )  # vertices driven on before a vertex's walls are taken, so that both sides were seen
+    goal_radius: float = Field(0.2, gt=0.0)  # m from the goal that count as there
+    turn_gain: float = Field(2.0, gt=0.0)  # rad/s per rad of steering
+    max_turn: float = Field(1.5, gt=0.0)  # rad/s
+    local_map: LocalMapParams = LocalMapParams()
+    walls: WallParams = WallParams()
+    vfh: VfhParams = VfhParams()
+    filter: PathFilterParams = PathFilterParams()
+
+    def filter_params(self) -> PathFilterParams:
+        """The path filter's parameters, with the local map's reach filled in."""
+        reach = LocalMap(self.local_map, self.sensors).reach
+        return self.filter.model_copy(update={"reach": reach})
+
+
+class Crunch:
+    """The robot as a fold: `step(message)` gives effects, `snapshot()` what a viewer needs."""
+
+    def __init__(self, params: CrunchParams):
+        self.params = params
+        self.local_map = LocalMap(params.local_map, params.sensors, border=params.hindsight * params.vertex_spacing)
+        self.vfh = Vfh(params.vfh)
+        self.wheels = WheelOdometry(params.track, params.calibration.wheel_radius)
+        self.t = 0.0
+        self.odometry = np.zeros(3)
+        self.tilt = 0.0
+        self.travelled = 0.0  # m since the last vertex
+        self.distance = 0.0
+        self.has_odometry = False
+        self.has_seen = False
+        self.vertices: list[np.ndarray] = []
+        self.pending: deque[tuple[float, int, float]] = deque()  # vertices whose walls are still to be taken
+        self.curves: list[list[np.ndarray]] = []
+        self.estimate: Estimate | None = None
+        self.goal: Goal | None = None
+        self.steering: float | None = None
+        self.last_ranges: dict[str, np.ndarray] = {}
+        self.balance: Balance | None = None
+        self.power: Power | None = None
+        self.boards: dict[str, Status] = {}
+
+    def step(self, message: Message) -> list[Effect]:
+        """Take one message up; what follows from it."""
+        match message:
+            case Wheels():
+                return self.roll(message)
+            case Odometry():
+                return self.follow(message)
+            case Ranges():
+                return self.look(message)
+            case Estimate():
+                self.estimate = message
+            case Drive():
+                self.goal = None
+                return [DriveCommand(message.speed, message.turn)]
+            case Goal():
+                self.goal = message if message.place is not None else None
+                return [] if self.goal else [StopCommand()]
+            case Stop():
+                self.goal = None
+                return [StopCommand()]
+            case Arm():
+                return [ArmCommand(message.armed)]
+            case Balance():
+                self.balance = message
+            case Power():
+                self.power = message
+            case Status():
+                self.boards[message.board] = message
+        return []
+
+    def roll(self, wheels: Wheels) -> list[Effect]:
+        """Integrate the wheels."""
+        moved = self.wheels.roll(wheels)
+        self.odometry = np.array([self.wheels.x, self.wheels.y, self.wheels.theta])
+        self.tilt = wheels.tilt
+        return self.advance(wheels.t, abs(moved))
+
+    def follow(self, odometry: Odometry) -> list[Effect]:
+        """Take over a pose that the robot integrated itself."""
+        pose = np.array([odometry.x, odometry.y, odometry.theta])
+        moved = math.hypot(pose[0] - self.odometry[0], pose[1] - self.odometry[1]) if self.has_odometry else 0.0
+        self.odometry = pose
+        return self.advance(odometry.t, moved)
+
+    def advance(self, t: float, moved: float) -> list[Effect]:
+        """Account for `moved` metres; every half metre is a vertex."""
+        self.t = t
+        self.has_odometry = True
+        self.travelled += moved
+        self.distance += moved
+        if not self.has_seen or (self.vertices and self.travelled < self.params.vertex_spacing):
+            return []
+        self.pending.append((t, len(self.vertices), self.travelled))
+        self.vertices.append(self.odometry)
+        self.travelled = 0.0
+        return [self.observe()] if len(self.pending) > self.params.hindsight else []
+
+    def observe(self) -> Keyframe:
+        """Take the walls of the oldest pending vertex from the local map as it is now."""
+        t, index, travelled = self.pending.popleft()
+        pose = self.vertices[index]
+        self.local_map.move(self.odometry)
+        walls = extract(self.local_map, pose, self.params.walls)
+        self.curves.append(curves(walls, self.params.walls.jump))
+        return Keyframe(t, index, pose, walls, travelled)
+
+    def finish(self) -> list[Effect]:
+        """The log or the session ends here: hand over the vertices that still wait."""
+        return [self.observe() for _ in range(len(self.pending))]
+
+    def look(self, message: Ranges) -> list[Effect]:
+        """Fuse a sweep where the robot was when it was taken, and steer if there is a goal."""
+        self.last_ranges[message.sensor] = message.ranges
+        if not self.has_odometry or message.sensor not in self.local_map.rings:
+            return []
+        pose, tilt = self.odometry, self.tilt
+        if self.wheels.history:
+            x, y, theta, tilt = self.wheels.at(message.t)
+            pose = np.array([x, y, theta])
+        self.local_map.move(self.odometry)
+        self.local_map.fuse(message.sensor, message.ranges, pose, tilt)
+        self.has_seen = True
+        return self.steer() if self.goal is not None else []
+
+    def steer(self) -> list[Effect]:
+        """One step towards the goal by the vector field histogram (thesis, 2.2)."""
+        offset = self.goal_offset()
+        if offset is None or self.goal is None:
+            return []
+        if math.hypot(*offset) < self.params.goal_radius:
+            self.goal, self.steering = None, None
+            return [StopCommand()]
+        steering = self.vfh.steer(self.densities(), math.atan2(offset[1], offset[0]))
+        self.steering = steering.bearing
+        if steering.bearing is None:
+            return [DriveCommand(0.0, 0.0)]
+        limit = self.params.max_turn
+        turn = max(-limit, min(limit, self.params.turn_gain * steering.bearing))
+        return [DriveCommand(min(steering.speed, self.goal.speed) * max(0.0, math.cos(steering.bearing)), turn)]
+
+    def densities(self) -> np.ndarray:
+        """The polar histogram (sectors,) around the robot now."""
+        x, y, theta = self.local_map.in_grid(self.odometry)
+        grid = self.local_map.grid()
+        return self.vfh.histogram(grid, np.array([x + grid.x, y + grid.y, theta]))
+
+    def goal_offset(self) -> np.ndarray | None:
+        """The goal (2,) in the robot's frame."""
+        if self.goal is None or self.goal.place is None:
+            return None
+        x, y = self.goal.place
+        return between(self.pose(), np.array([x, y, 0.0]))[:2]
+
+    def pose(self) -> np.ndarray:
+        """The best estimate (3,) of where the robot is now, in the world."""
+        if self.estimate is None:
+            return self.odometry
+        newest = len(self.estimate.path) - 1
+        return compose(self.estimate.path[newest], between(self.vertices[newest], self.odometry))
+
+    def snapshot(self) -> Snapshot:
+        """The robot as a viewer sees it now."""
+        estimate = self.estimate or nothing_known(self.t, self.odometry, self.params.filter.particles)
+        densities = self.densities()
+        grid = self.local_map.grid()
+        offset = self.goal_offset()
+        here = extract(self.local_map, self.odometry, self.params.walls) if self.has_seen else None
+        return Snapshot(
+            t=self.t,
+            robot="crunch",
+            pose=self.pose(),
+            odometry=self.odometry,
+            tilt=self.tilt,
+            distance=self.distance,
+            local_map=grid.cells,
+            local_resolution=grid.resolution,
+            local_origin=np.array([grid.x, grid.y]),
+            beams=self.beams(),
+            curves=curves(here, self.params.walls.jump) if here is not None else [],
+            densities=densities,
+            threshold=self.params.vfh.threshold,
+            valleys=self.vfh.valleys(densities),
+            goal=self.goal.place if self.goal else None,
+            goal_bearing=math.atan2(offset[1], offset[0]) if offset is not None else None,
+            steering=self.steering if self.goal else None,
+            path=estimate.path,
+            walls=self.walls_along(estimate.path),
+            profile=estimate.profile,
+            fixed_depth=estimate.fixed_depth,
+            particles=estimate.particles,
+            n_particles=estimate.n_particles,
+            effective_particles=estimate.effective_particles,
+            resamplings=estimate.resamplings,
+            affinity=estimate.affinity,
+            plausibility=estimate.plausibility,
+            balance=self.balance,
+            power=self.power,
+            boards=dict(self.boards),
+        )
+
+    def beams(self) -> dict[str, dict]:
+        """Each ring's geometry and its last ranges."""
+        return {
+            name: {
+                "bearings": ring.bearings,
+                "offsets": np.full(len(ring.bearings_deg), ring.offset),
+                "half_angle": ring.half_angle,
+                "max_range": ring.max_range,
+                "ranges": self.last_ranges.get(name, np.full(len(ring.bearings_deg), np.nan)),
+            }
+            for name, ring in self.params.sensors.items()
+        }
+
+    def walls_along(self, path: np.ndarray) -> list[np.ndarray]:
+        """Wall curves (k, 2) in the world when the vertices stand at `path` (n, 3)."""
+        return [transform(pose, curve) for pose, seen in zip(path, self.curves, strict=False) for curve in seen]
+
+
+def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:
+    """The estimate before the filter's first answer."""
+    return Estimate(
+        t, np.asarray(pose, float)[None], np.ones(1), np.asarray(pose, float)[None], 0, n_particles, float(n_particles),
+        0, 0.0, 0.0,
+    )  # fmt: skip
+
+
+__all__ = ["Crunch", "CrunchParams", "Walls"]

@@ -1,0 +1,168 @@
+"""The compact observation of a vertex: per ray the distance to the first wall, and how far the ray was seen free.
+
+Rays are traced in the local map from the robot outwards, joined into curves and filtered as the thesis describes
+(2.1): short curves dropped, curves that only a few empty rays part joined, the rest smoothed with a Gaussian.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from pydantic import Field
+
+from slam.local_map import LocalMap
+from slam.params import Params
+
+
+class WallParams(Params):
+    """How rays are traced and which curves are kept."""
+
+    n_rays: int = Field(120, ge=8)
+    occupied: float = Field(0.6, gt=0.0)  # log odds above which a cell is a wall
+    free: float = Field(-0.3, lt=0.0)  # log odds below which a cell was seen free
+    thickness: float = Field(0.16, gt=0.0)  # m of an occupied run whose centroid is the wall
+    unseen_gap: float = Field(0.08, ge=0.0)  # m of unknown that a free ray may cross
+    join_rays: int = Field(4, ge=0)  # empty rays that a curve may bridge
+    jump: float = Field(0.15, gt=0.0)  # m between neighbouring rays that part two curves
+    shortest: int = Field(4, ge=1)  # rays of the shortest curve kept
+    smoothing: float = Field(1.5, ge=0.0)  # rays, sigma of the Gaussian along a curve
+
+
+class Walls(NamedTuple):
+    """Ray i looks along 2 pi i / n in the robot's frame: `distances` (n,) m to the wall or inf, `free` (n,) m."""
+
+    distances: np.ndarray
+    free: np.ndarray
+
+
+@njit(cache=True)
+def trace_rays(cells, resolution, x, y, theta, reach, n_rays, occupied, free_below, thickness, unseen_gap):
+    """Distances (n_rays,) to the first occupied run's centroid or inf, and distances seen free, up to `reach` m."""
+    n = cells.shape[0]
+    distances = np.full(n_rays, np.inf)
+    free = np.zeros(n_rays)
+    step = 0.5 * resolution
+    for ray in range(n_rays):
+        angle = theta + 2.0 * math.pi * ray / n_rays
+        cos, sin = math.cos(angle), math.sin(angle)
+        distance, is_open = 0.0, True
+        while distance < reach:
+            row, column = math.floor((y + distance * sin) / resolution), math.floor((x + distance * cos) / resolution)
+            if row < 0 or column < 0 or row >= n or column >= n:
+                break
+            value = cells[row, column]
+            if value > occupied:
+                weight, moment, depth = 0.0, 0.0, distance
+                while depth < distance + thickness:
+                    row, column = math.floor((y + depth * sin) / resolution), math.floor((x + depth * cos) / resolution)
+                    if row < 0 or column < 0 or row >= n or column >= n or cells[row, column] <= occupied:
+                        break
+                    weight += cells[row, column]
+                    moment += cells[row, column] * depth
+                    depth += step
+                distances[ray] = moment / weight
+                break
+            if value < free_below:
+                if is_open:
+                    free[ray] = distance
+            elif distance - free[ray] > unseen_gap:
+                is_open = False
+            distance += step
+    return distances, free
+
+
+@njit(cache=True)
+def join_gaps(distances, join_rays, jump):
+    """Bridge up to `join_rays` empty rays between ends that agree within `jump`, linearly (circular)."""
+    n = distances.size
+    joined = distances.copy()
+    for ray in range(n):
+        if not (math.isfinite(distances[ray]) and not math.isfinite(distances[(ray + 1) % n])):
+            continue
+        for gap in range(2, join_rays + 2):
+            far = distances[(ray + gap) % n]
+            if math.isfinite(far):
+                if abs(far - distances[ray]) < jump:
+                    for inner in range(1, gap):
+                        joined[(ray + inner) % n] = distances[ray] + (far - distances[ray]) * inner / gap
+                break
+    return joined
+
+
+@njit(cache=True)
+def label_curves(distances, jump):
+    """Number of the curve that each ray belongs to, from 1; 0 where there is no wall (circular)."""
+    n = distances.size
+    labels = np.zeros(n, np.int64)
+    start = 0
+    for ray in range(n):
+        before = distances[ray - 1]
+        if not (math.isfinite(before) and math.isfinite(distances[ray]) and abs(before - distances[ray]) <= jump):
+            start = ray
+            break
+    curve = 0
+    for turn in range(n):
+        ray = (start + turn) % n
+        if not math.isfinite(distances[ray]):
+            continue
+        before = distances[ray - 1]
+        if turn == 0 or not math.isfinite(before) or abs(before - distances[ray]) > jump:
+            curve += 1
+        labels[ray] = curve
+    return labels
+
+
+@njit(cache=True)
+def smooth_curves(distances, labels, shortest, sigma):
+    """Distances with short curves dropped and the others smoothed along themselves with a Gaussian of `sigma` rays."""
+    n = distances.size
+    lengths = np.zeros(labels.max() + 1, np.int64)
+    for ray in range(n):
+        lengths[labels[ray]] += 1
+    smooth = np.full(n, np.inf)
+    width = min(int(3.0 * sigma) + 1 if sigma > 0.0 else 0, n // 2 - 1)
+    for ray in range(n):
+        if labels[ray] == 0 or lengths[labels[ray]] < shortest:
+            continue
+        total, weight = 0.0, 0.0
+        for offset in range(-width, width + 1):
+            other = (ray + offset) % n
+            if labels[other] == labels[ray]:
+                share = math.exp(-0.5 * (offset / sigma) ** 2) if offset else 1.0
+                total += share * distances[other]
+                weight += share
+        smooth[ray] = total / weight
+    return smooth
+
+
+def extract(local_map: LocalMap, pose: np.ndarray, params: WallParams) -> Walls:
+    """The walls seen from `pose` (3,) in the odometry frame."""
+    x, y, theta = local_map.in_grid(pose)
+    distances, free = trace_rays(
+        local_map.cells, local_map.resolution, x, y, theta, local_map.reach, params.n_rays, params.occupied, params.free,
+        params.thickness, params.unseen_gap,
+    )  # fmt: skip
+    joined = join_gaps(distances, params.join_rays, params.jump)
+    labels = label_curves(joined, params.jump)
+    return Walls(smooth_curves(joined, labels, params.shortest, params.smoothing), free)
+
+
+def curves(walls: Walls, jump: float = 0.15) -> list[np.ndarray]:
+    """The walls as curves, each (k, 2) in the vertex's frame, counter-clockwise."""
+    labels = label_curves(walls.distances, jump)
+    n = labels.size
+    angles = 2.0 * np.pi * np.arange(n) / n
+    points = np.where(np.isfinite(walls.distances), walls.distances, 0.0)[:, None] * np.stack(
+        [np.cos(angles), np.sin(angles)], axis=1
+    )
+    found = []
+    for curve in range(1, int(labels.max(initial=0)) + 1):
+        rays = np.flatnonzero(labels == curve)
+        breaks = np.flatnonzero(np.diff(rays) > 1)
+        if breaks.size:  # the curve crosses ray 0
+            rays = np.concatenate([rays[breaks[0] + 1 :], rays[: breaks[0] + 1]])
+        found.append(points[rays])
+    return found
