@@ -1,0 +1,218 @@
+// The page: joins the connection, the drawings and the controls.
+
+import { forgetColours } from "./canvas.js";
+import { Connection } from "./connection.js";
+import { Driver } from "./drive.js";
+import { Health } from "./health.js";
+import { HistogramView } from "./histogram.js";
+import { LocalView } from "./local.js";
+import { MapView } from "./map.js";
+import { ProfileView } from "./profile.js";
+
+const $ = (id) => document.getElementById(id);
+const STALE = 1000; // ms
+
+const connection = new Connection();
+const driver = new Driver(connection, $("stick"));
+const health = new Health($("health"));
+const local = new LocalView($("local"));
+const histogram = new HistogramView($("histogram"));
+const profile = new ProfileView($("profile"));
+const map = new MapView($("map"), proposeGoal);
+const page = { status: null, pose: null, driver, connection, map }; // what the browser's console can look at
+globalThis.crunch = page;
+
+connection.addEventListener("state", showConnection);
+connection.addEventListener("notice", ({ detail }) => {
+  if (detail.header.kind === "refused") refuse(detail.header.reason);
+});
+connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
+connection.addEventListener("pose", ({ detail }) => {
+  page.pose = detail.header;
+  driver.seen = detail.header.t;
+  if (page.goal && !detail.header.goal) driver.hasGoal = false; // reached, or taken back
+  page.goal = detail.header.goal;
+  map.move(detail);
+  health.move(detail.header.tilt, dataAge());
+});
+connection.addEventListener("local", ({ detail }) => {
+  local.show(detail);
+  map.see(local.curves);
+  $("local-figures").textContent = localFigures(detail.header);
+});
+connection.addEventListener("histogram", ({ detail }) => {
+  histogram.show(detail);
+  const n = detail.header.valleys.length;
+  $("histogram-figures").textContent = n === 1 ? "1 valley" : `${n} valleys`;
+});
+connection.addEventListener("map", ({ detail }) => {
+  map.show(detail);
+  profile.show(detail);
+  const n = detail.arrays.path.shape[0];
+  const settled = detail.header.fixed_depth;
+  $("profile-figures").textContent = n > 1 ? `settled up to vertex ${settled} of ${n - 1}` : "";
+  $("map").setAttribute("aria-label", `Best map with ${n} vertices, settled up to vertex ${settled}`);
+});
+
+function localFigures({ beams, resolution }) {
+  return `${Object.keys(beams).join(" and ").replace("infrared", "infra-red")}, ${Math.round(100 * resolution)} cm cells`;
+}
+
+/** Seconds since the newest reading was taken. */
+function dataAge() {
+  return page.pose ? page.pose.age + Math.max(0, connection.silence) / 1000 : Infinity;
+}
+
+function isStale() {
+  return connection.silence > STALE || (page.pose?.age ?? 0) > STALE / 1000;
+}
+
+function showConnection() {
+  const { isOpen } = connection;
+  const [state, text] = !isOpen ? ["bad", "offline, trying again"]
+    : isStale() ? ["waiting", "no fresh data"]
+    : ["good", connection.roundTrip === null ? "live" : `live, ${connection.roundTrip.toFixed(0)} ms`];
+  const pill = $("connection");
+  pill.dataset.state = state;
+  if (pill.textContent !== text) pill.textContent = text;
+  document.body.classList.toggle("stale", !isOpen || isStale());
+  document.body.classList.toggle("locked", driver.isLocked);
+  if (page.pose && isStale()) health.move(page.pose.tilt, dataAge());
+  showBanner();
+}
+setInterval(showConnection, 250);
+
+function showStatus(status) {
+  page.status = status;
+  health.show(status);
+  const { driver: who, map: figures, robot } = status;
+  const isMine = who.viewer !== null && who.viewer === connection.viewer;
+  driver.maxTurn = who.max_turn;
+  $("limit").max = who.max_speed;
+  $("drive-state").textContent = driveText(who, isMine);
+  $("take").hidden = isMine || who.viewer === null;
+  $("resume").hidden = who.stopped_by === null;
+  $("cancel").hidden = who.goal === null;
+  $("arm").hidden = robot.state === null || robot.state === "armed";
+  $("autopilot").hidden = who.autopilot === null;
+  $("autopilot").setAttribute("aria-pressed", String(who.autopilot === true));
+  $("map-figures").textContent = figures.vertices
+    ? `${figures.vertices} vertices, ${figures.path_length_m.toFixed(1)} m` : "waiting for the first vertex";
+  $("health-figures").textContent = robot.name + (robot.virtual ? ", virtual" : "");
+  document.title = `${robot.name[0].toUpperCase()}${robot.name.slice(1)} · ${figures.vertices} vertices`;
+  showBanner();
+}
+
+function driveText(who, isMine) {
+  if (who.stopped_by !== null) return "stopped";
+  if (who.autopilot) return "the autopilot drives";
+  if (who.goal !== null) return isMine ? "driving to your objective" : "driving to an objective";
+  if (isMine) return "you drive";
+  return who.viewer === null ? "nobody drives" : `${who.viewer} drives`;
+}
+
+function showBanner() {
+  const [level, text] = bannerText();
+  const banner = $("banner");
+  banner.hidden = text === "";
+  banner.dataset.level = level;
+  if (banner.textContent !== text) banner.textContent = text;
+}
+
+function bannerText() {
+  const { status } = page;
+  if (!connection.isOpen) return status ? ["bad", "The server cannot be reached. Trying again; the robot has been told to stand still."] : ["", ""];
+  if (!status) return ["", ""];
+  if (status.driver.stopped_by !== null) {
+    const by = status.driver.stopped_by === connection.viewer ? "you" : status.driver.stopped_by;
+    return ["warn", `Stopped by ${by}. Press Resume to drive again.`];
+  }
+  if (!status.link.connected) return ["bad", "The robot's link is not connected."];
+  if (status.robot.state === "fallen") return ["bad", "The robot has fallen. Stand it up, then press Arm."];
+  if (isStale()) return ["warn", "No fresh data: driving is locked until it comes back."];
+  if (status.filter.state === "failed") return ["bad", `The path filter was given up (${status.filter.reason}). Driving and recording go on.`];
+  return ["", ""];
+}
+
+// Goals: a click proposes, a button confirms.
+
+function proposeGoal(place) {
+  map.propose(place);
+  $("goal-place").textContent = `${place[0].toFixed(1)}, ${place[1].toFixed(1)} m`;
+  $("goal-card").hidden = false;
+  $("goal-go").focus({ preventScroll: true });
+}
+
+function dropProposal() {
+  map.propose(null);
+  $("goal-card").hidden = true;
+}
+
+$("goal-go").onclick = () => {
+  driver.goTo(map.candidate);
+  dropProposal();
+};
+$("goal-cancel").onclick = dropProposal;
+$("cancel").onclick = () => driver.cancelGoal();
+
+// Buttons.
+
+$("stop").onclick = () => driver.stop();
+$("take").onclick = () => connection.send({ type: "take" });
+$("resume").onclick = () => connection.send({ type: "resume" });
+$("arm").onclick = () => connection.send({ type: "arm", armed: true });
+$("autopilot").onclick = () => connection.send({ type: "autopilot", on: page.status?.driver.autopilot !== true });
+$("map-follow").onclick = () => map.follow(!map.isFollowing);
+$("map").addEventListener("follow", ({ detail }) => $("map-follow").setAttribute("aria-pressed", String(detail)));
+$("map-fit").onclick = () => map.fit();
+$("map-in").onclick = () => map.zoom(1.35);
+$("map-out").onclick = () => map.zoom(1 / 1.35);
+
+// Settings that last.
+
+function setLimit(limit) {
+  driver.limit = limit;
+  $("limit-value").textContent = `${limit.toFixed(2)} m/s`;
+}
+$("limit").value = localStorage.getItem("limit") ?? "0.3";
+setLimit(Number($("limit").value));
+$("limit").oninput = (event) => {
+  setLimit(Number(event.target.value));
+  localStorage.setItem("limit", event.target.value);
+};
+
+function setTheme(theme) {
+  document.documentElement.style.colorScheme = theme;
+  forgetColours();
+}
+if (localStorage.getItem("theme")) setTheme(localStorage.getItem("theme"));
+$("theme").onclick = () => {
+  const now = document.documentElement.style.colorScheme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  const theme = now === "dark" ? "light" : "dark";
+  localStorage.setItem("theme", theme);
+  setTheme(theme);
+};
+
+$("hint").hidden = localStorage.getItem("welcomed") === "yes";
+$("hint-close").onclick = () => {
+  localStorage.setItem("welcomed", "yes");
+  $("hint").hidden = true;
+};
+
+// Short messages.
+
+const shown = new Map();
+
+function refuse(reason) {
+  if (driver.hasGoal) driver.hasGoal = false;
+  toast(reason[0].toUpperCase() + reason.slice(1));
+}
+
+function toast(text) {
+  if (performance.now() - (shown.get(text) ?? -Infinity) < 2500) return;
+  shown.set(text, performance.now());
+  const line = document.createElement("p");
+  line.textContent = text;
+  $("toasts").append(line);
+  setTimeout(() => line.remove(), 3500);
+}
