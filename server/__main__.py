@@ -1,0 +1,262 @@
+"""The `crunch` command. Each command imports what it needs when it runs, so that help comes at once.
+
+Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from server.replay import Progress
+
+ABOUT = """Maps buildings with robots that sense almost nothing.
+
+No robot at hand? `crunch demo` drives a virtual one that speaks the same bytes.
+
+\b
+    crunch demo --autopilot                       watch a map grow in the browser
+    crunch serve --link serial:/dev/ttyUSB0       drive a real robot
+    crunch replay drive.rlog --out map            make a map from a recording
+    crunch score map --truth drive.rlog.truth.tum compare it with the truth
+
+`crunch COMMAND --help` tells more. Settings: docs/cli.md.
+"""
+
+app = typer.Typer(
+    name="crunch",
+    help=ABOUT,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+UsageError: Any = typer.BadParameter.__base__  # typer carries its own copy of click and shows only leaves of its errors
+CommandError: Any = UsageError.__base__
+
+Robot = Annotated[str | None, typer.Option(help="Which robot; a recording knows its own.", show_default="crunch")]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same log: the same bytes come out.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
+Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting; repeatable.")]
+Preset = Annotated[str | None, typer.Option(help="`default`, or `thesis`: literally as Crunch's thesis has it.")]
+Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="2000")]
+Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.", show_default="8000")]
+Host = Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")]
+
+
+@app.callback()
+def common(debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False) -> None:
+    """Only holds what is common to all commands; `main` looks for --debug itself."""
+
+
+@app.command()
+def replay(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="Recordings (.rlog) or foreign logs.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results; several logs get a folder each in it.")],
+    robot: Robot = None,
+    particles: Particles = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    beams: Annotated[int | None, typer.Option(min=2, help="Thin a laser to so many evenly spread beams.")] = None,
+    max_range: Annotated[
+        float | None, typer.Option(min=0.1, help="Reach (m) of those beams.", show_default="5.0")
+    ] = None,
+    preset: Preset = None,
+    config: ConfigFile = None,
+    assignments: Assignments = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+) -> None:
+    """Make a map from a log: recordings of crunch, CARMEN logs, or eight sonars (sonar8).
+
+    A CARMEN log's laser is reduced to what Crunch would sense: one infra-red beam and one sonar cone every 45
+    degrees. --beams thins it to so many single beams instead.
+
+    \b
+        crunch replay drive.rlog --out map
+        crunch replay intel.log --out intel --particles 5000 --seed 3
+        crunch replay intel.log --out intel11 --beams 11 --max-range 5
+        crunch replay drive.rlog --out map --set crunch.filter.gap=12
+
+    OUT then holds trajectory.tum, map.png, map.pgm with map.yaml, map.json, path.g2o, profile.csv and report.json
+    (docs/outputs.md).
+    """
+    from server.errors import UserError
+    from server.replay import Options, open_log
+    from server.replay import replay as run
+
+    if max_range is not None and beams is None:
+        raise UserError("--max-range only counts with --beams; add --beams N")
+    flags = settings_flags(preset, particles, robot)
+    for path, folder in zip(logs, folders_for(logs, out), strict=True):
+        log = open_log(path, beams, max_range)
+        name = robot or log.robot or "crunch"
+        options = Options(name, seed, threads, beams, max_range, config, flags, assignments or ())
+        with progress_bar(path.name, log.n_odometry, quiet) as progress:
+            report = run(path, folder, options, progress, log)
+        for warning in report.warnings:
+            typer.echo(f"crunch: warning: {warning}", err=True)
+        if not quiet:
+            typer.echo(f"{folder}: {report.summary()}")
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(metavar="LOG", help="Recording to write; the truth goes to LOG.truth.tum.")],
+    robot: Annotated[str, typer.Option(help="Which robot.")] = "crunch",
+    world: Annotated[
+        str | None, typer.Option(help="A built-in world or a file (TOML, CARMEN .map, ROS .yaml).")
+    ] = None,
+    plan: Annotated[str | None, typer.Option(help="A built-in drive plan or a TOML file.")] = None,
+    seed: Seed = 0,
+    drift: Annotated[str, typer.Option(help="Odometry's errors: low, medium or high.")] = "medium",
+    duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds.", show_default="the plan's end")] = None,
+    from_log: Annotated[Path | None, typer.Option(help="Semi-real: odometry and walls from this CARMEN log.")] = None,
+    reference: Annotated[Path | None, typer.Option(help="Semi-real: where the log's scans were taken (TUM).")] = None,
+    config: ConfigFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Record a virtual robot, faster than real time, with the truth beside it.
+
+    \b
+        crunch simulate --world demo --plan demo --seed 1 --out drive.rlog
+        crunch simulate --world corridor50 --plan corridor50 --drift high --out loop.rlog
+        crunch simulate --from-log intel.log --reference reference.tum --out semi.rlog
+
+    With --from-log the recording is semi-real: the world is drawn from the log's laser scans, the reference path is
+    driven in it, odometry is the log's own, and the sensors are the virtual robot's.
+    """
+    from server.config import check_robot, load
+    from server.errors import UserError
+    from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal
+
+    check_robot(robot)
+    settings = load(None, config, None, assignments or ())
+    if (from_log is None) != (reference is None):
+        raise UserError("--from-log and --reference belong together; give both or neither")
+    if from_log is not None and reference is not None:
+        if world or plan:
+            raise UserError("--from-log makes its own world and plan; leave out --world and --plan")
+        semireal = Semireal(robot, from_log, reference, seed, out, duration)
+        with progress_bar(out.name, None, False) as progress:
+            summary = simulate_semireal(semireal, settings, progress)
+    else:
+        simulation = Simulation(robot, world or "demo", plan or world or "demo", seed, out, drift, duration)
+        with progress_bar(out.name, None, False) as progress:
+            summary = simulate_drive(simulation, settings, progress)
+    typer.echo(f"{out}: {summary}")
+
+
+@app.command()
+def score(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A replay's folder, or a trajectory (TUM).")],
+    truth: Annotated[Path | None, typer.Option(help="True poses (TUM).")] = None,
+    relations: Annotated[Path | None, typer.Option(help="Relative poses verified by hand.")] = None,
+    time_offset: Annotated[float, typer.Option(help="Truth time minus estimate time, s.")] = 0.0,
+    align: Annotated[bool, typer.Option("--align/--no-align", help="Lay the estimate over the truth first.")] = True,
+) -> None:
+    """Compare a replay with the truth; prints JSON: metres, degrees, and how many poses were used.
+
+    \b
+        crunch score map --truth drive.rlog.truth.tum
+        crunch score intel --relations intel.relations --truth reference.tum
+    """
+    from server.score import score as measure
+
+    typer.echo(json.dumps(measure(directory, truth, relations, time_offset, align), indent=2))
+
+
+@app.command()
+def version() -> None:
+    """Print the version of crunch and of what its figures depend on."""
+    from server.report import describe_machine
+
+    versions = describe_machine()
+    typer.echo(f"crunch {versions.pop('crunch')}")
+    typer.echo(", ".join(f"{name} {text}" for name, text in versions.items()))
+
+
+def settings_flags(preset: str | None, particles: int | None, robot: str | None) -> dict[str, Any]:
+    """The flags that are settings, nested as in config.toml."""
+    flags: dict[str, Any] = {"preset": preset} if preset is not None else {}
+    if particles is not None:
+        flags[robot or "crunch"] = {"filter": {"particles": particles}}
+    return flags
+
+
+def folders_for(logs: list[Path], out: Path) -> list[Path]:
+    """Where each log's results go: `out` itself for one, else a folder in it by the log's name; no two alike."""
+    if len(logs) == 1:
+        return [out]
+    folders: list[Path] = []
+    for path in logs:
+        name, number = path.stem, 2
+        while out / name in folders:
+            name, number = f"{path.stem}-{number}", number + 1
+        folders.append(out / name)
+    return folders
+
+
+@contextlib.contextmanager
+def progress_bar(title: str, total: int | None, quiet: bool) -> Iterator[Progress | None]:
+    """A bar on standard error while something long runs; nothing where no one is looking. Gives what moves it."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and leave with its exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    is_debug = "--debug" in arguments
+    sys.exit(run([argument for argument in arguments if argument != "--debug"], is_debug))
+
+
+def run(arguments: list[str], is_debug: bool) -> int:
+    """The exit code of one command; an error is one line, unless its traceback is wanted."""
+    from server.errors import UserError
+
+    try:
+        code = app(arguments or ["--help"], prog_name="crunch", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except UsageError as error:
+        command = error.ctx.command_path if error.ctx else "crunch"
+        return complain(f"{error.format_message()} (see `{command} --help`)", 2)
+    except (UserError, CommandError) as error:
+        if is_debug:
+            raise
+        return complain(str(error), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        return complain("stopped", 130)
+    except BrokenPipeError:
+        return 1
+    except Exception as error:
+        if is_debug:
+            raise
+        return complain(f"internal error, {type(error).__name__}: {error} (run again with --debug and report it)", 1)
+
+
+def complain(message: str, code: int) -> int:
+    """Say on one line of standard error what went wrong."""
+    typer.echo(f"crunch: error: {' '.join(message.split())}", err=True)
+    return code
+
+
+if __name__ == "__main__":
+    main()
