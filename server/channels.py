@@ -52,14 +52,14 @@ MAX_MILLIAMPERES = 30_000
 class Calibration(Params):
     """What one robot's counts mean. The infra-red curve is counts = scale / (cm + shift) + floor (10 bits at 5 V)."""
 
-    wheel_radius: float = Field(0.0508, gt=0.0)  # m
-    ticks_per_turn: int = Field(1000, gt=0)  # of a wheel against the body
-    speed_of_sound: float = Field(343.0, gt=0.0)  # m/s
-    infrared_scale: float = Field(6787.0, gt=0.0)
+    wheel_radius: float = Field(default=0.0508, gt=0.0)  # m
+    ticks_per_turn: int = Field(default=1000, gt=0)  # of a wheel against the body
+    speed_of_sound: float = Field(default=343.0, gt=0.0)  # m/s
+    infrared_scale: float = Field(default=6787.0, gt=0.0)
     infrared_shift: float = 4.0  # cm
     infrared_floor: float = 3.0  # counts
-    infrared_max: float = Field(0.80, gt=0.0)  # m; beyond is no return
-    sonar_max: float = Field(3.0, gt=0.0)  # m; beyond is no return
+    infrared_max: float = Field(default=0.80, gt=0.0)  # m; beyond is no return
+    sonar_max: float = Field(default=3.0, gt=0.0)  # m; beyond is no return
 
     @cached_property
     def metres_per_tick(self) -> float:

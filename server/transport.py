@@ -165,8 +165,11 @@ async def close(writer: asyncio.StreamWriter) -> None:
     try:
         async with asyncio.timeout(CLOSE_SECONDS):
             await writer.wait_closed()
-    except (OSError, TimeoutError):
-        writer.transport.abort()
+    except TimeoutError:
+        if writer.transport.get_write_buffer_size() > 0:
+            writer.transport.abort()
+    except OSError:
+        pass  # it was lost before
 
 
 class Virtual(Protocol):
