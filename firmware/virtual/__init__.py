@@ -1,0 +1,24 @@
+"""The virtual Crunch: physics, sensors, radio and worlds around the firmware's own C. Knows no host, only bytes."""
+
+from firmware.virtual.corridor import corridor_cycle, corridor_plan
+from firmware.virtual.native import CompilerError
+from firmware.virtual.plans import Plan, PlanError, load_plan
+from firmware.virtual.radio import Radio
+from firmware.virtual.robot import DRIFTS, Drift, VirtualCrunch
+from firmware.virtual.worlds import World, WorldError, load_world
+
+__all__ = [
+    "DRIFTS",
+    "CompilerError",
+    "Drift",
+    "Plan",
+    "PlanError",
+    "Radio",
+    "VirtualCrunch",
+    "World",
+    "WorldError",
+    "corridor_cycle",
+    "corridor_plan",
+    "load_plan",
+    "load_world",
+]

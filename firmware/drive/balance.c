@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "balance.h"
+
+#define NOMINAL_BATTERY 28.8f /* V */
+#define LOWEST_BATTERY 20.0f  /* V; below this the reading is not believed */
+#define ACCELERATION 0.5f     /* m/s2: how fast the commanded speed may change */
+#define TURN_ACCELERATION 6.0f /* rad/s2 */
+#define LEASH 0.25f           /* m: against a wall the commanded position waits */
+#define HEADING_LEASH 0.5f    /* rad */
+#define SOFT_START_TIME 0.7f  /* s from arming to full duty */
+#define SOFT_START_DUTY 0.4f
+#define MAX_TURN_DUTY 0.35f   /* turning never takes what balancing needs */
+
+/* Linear-quadratic design for the estimated body (2.6 kg, mass 0.135 m above the axle); poles at 4.7 +- 1 i and 0.9 /s. */
+const struct balance_gains BALANCE_GAINS = {
+    .tilt = 5.8f, .tilt_rate = 0.88f, .speed = 3.1f, .position = 1.4f,
+    .turn_rate = 0.06f, .heading = 0.45f, .feed_turn = 0.10f,
+};
+
+static float clamp(float value, float limit)
+{
+    if (value > limit)
+        return limit;
+    if (value < -limit)
+        return -limit;
+    return value;
+}
+
+static float toward(float value, float wanted, float step)
+{
+    return value + clamp(wanted - value, step);
+}
+
+void balance_init(struct balance *balance)
+{
+    balance->wanted_speed = balance->wanted_turn = 0.0f;
+    balance->ahead = balance->heading_ahead = 0.0f;
+    balance->soft_start = 0.0f;
+}
+
+static void follow_wish(struct balance *balance, const struct rolled *rolled, const struct drive_wish *wish)
+{
+    balance->wanted_speed = toward(balance->wanted_speed, wish->speed, ACCELERATION * BALANCE_DT);
+    balance->wanted_turn = toward(balance->wanted_turn, wish->turn, TURN_ACCELERATION * BALANCE_DT);
+    balance->ahead = clamp(balance->ahead + rolled->distance - balance->wanted_speed * BALANCE_DT, LEASH);
+    balance->heading_ahead =
+        clamp(balance->heading_ahead + rolled->angle - balance->wanted_turn * BALANCE_DT, HEADING_LEASH);
+}
+
+static float duty_limit(struct balance *balance)
+{
+    const float limit = SOFT_START_DUTY + (1.0f - SOFT_START_DUTY) * balance->soft_start;
+    balance->soft_start += BALANCE_DT / SOFT_START_TIME;
+    if (balance->soft_start > 1.0f)
+        balance->soft_start = 1.0f;
+    return limit;
+}
+
+struct duties balance_step(struct balance *balance, const struct lean *lean, const struct rolled *rolled,
+                           const struct drive_wish *wish, float battery)
+{
+    const struct balance_gains *gains = &BALANCE_GAINS;
+    follow_wish(balance, rolled, wish);
+    /* Fore and aft the sum is positive: to stop rolling forward the wheels first hurry ahead of the body's lean. */
+    const float upright = gains->tilt * lean->tilt + gains->tilt_rate * lean->rate +
+                          gains->speed * (rolled->speed - balance->wanted_speed) + gains->position * balance->ahead;
+    const float turn = gains->feed_turn * balance->wanted_turn -
+                       gains->turn_rate * (rolled->turn_rate - balance->wanted_turn) -
+                       gains->heading * balance->heading_ahead;
+    const float scale = NOMINAL_BATTERY / (battery > LOWEST_BATTERY ? battery : NOMINAL_BATTERY);
+    const float limit = duty_limit(balance);
+    const float differential = clamp(turn * scale, MAX_TURN_DUTY);
+    const struct duties duties = {
+        .left = clamp(upright * scale - differential, limit),
+        .right = clamp(upright * scale + differential, limit),
+    };
+    return duties;
+}

@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "supervisor.h"
+
+#define MAX_SPEED 0.6f       /* m/s that may be asked for */
+#define MAX_TURN 3.0f        /* rad/s */
+#define SATURATED_DUTY 0.95f
+#define STUCK_DUTY 0.3f
+#define STUCK_SPEED 0.005f   /* m/s */
+#define STALL_MS 400
+#define MAX_CURRENT_MA 5000
+#define CURRENT_MS 20
+#define RAIL_STEPS 4         /* 20 ms */
+#define EMPTY_BATTERY_MV 24000
+#define CHARGER_MV 5000
+
+void supervisor_init(struct supervisor *supervisor)
+{
+    const struct supervisor fresh = {.state = DRIVE_DISARMED, .reason = STOP_BOOT, .silent_ms = UINT16_MAX};
+    *supervisor = fresh;
+}
+
+bool supervisor_is_balancing(const struct supervisor *supervisor)
+{
+    return supervisor->state == DRIVE_ARMED || supervisor->state == DRIVE_LINK_LOST;
+}
+
+static void halt(struct supervisor *supervisor)
+{
+    supervisor->wish.speed = 0.0f;
+    supervisor->wish.turn = 0.0f;
+}
+
+static void switch_off(struct supervisor *supervisor, uint8_t state, uint8_t reason)
+{
+    supervisor->state = state;
+    supervisor->reason = reason;
+    supervisor->is_arm_wanted = false;
+    supervisor->upright_ms = supervisor->saturated_ms = supervisor->stuck_ms = supervisor->current_ms = 0;
+    halt(supervisor);
+}
+
+static float limited(float value, float limit)
+{
+    if (value > limit)
+        return limit;
+    return value < -limit ? -limit : value;
+}
+
+static void take_wish(struct supervisor *supervisor, const struct drive_wish *wish)
+{
+    supervisor->wish.speed = limited(wish->speed, MAX_SPEED);
+    supervisor->wish.turn = limited(wish->turn, MAX_TURN);
+}
+
+static void ask_to_arm(struct supervisor *supervisor)
+{
+    if (supervisor_is_balancing(supervisor))
+        return;
+    supervisor->state = DRIVE_DISARMED;
+    supervisor->is_arm_wanted = true;
+    supervisor->upright_ms = 0;
+}
+
+void supervisor_obey(struct supervisor *supervisor, const struct command *command)
+{
+    if (command->kind == COMMAND_REFUSED) {
+        if (supervisor->refused < UINT16_MAX)
+            supervisor->refused++;
+        return;
+    }
+    supervisor->acknowledged = command->sequence;
+    supervisor->silent_ms = 0;
+    if (supervisor->state == DRIVE_LINK_LOST)
+        supervisor->state = DRIVE_ARMED;
+    switch (command->kind) {
+    case COMMAND_DRIVE:
+        take_wish(supervisor, &command->wish);
+        break;
+    case COMMAND_STOP:
+        halt(supervisor);
+        supervisor->reason = STOP_COMMAND;
+        break;
+    case COMMAND_ARM:
+        ask_to_arm(supervisor);
+        break;
+    default:
+        switch_off(supervisor, DRIVE_DISARMED, STOP_COMMAND);
+    }
+}
+
+/* Counts how long a condition has lasted. */
+static uint16_t lasting(uint16_t ms, bool is_true)
+{
+    if (!is_true)
+        return 0;
+    return ms < UINT16_MAX - SUPERVISOR_STEP_MS ? (uint16_t)(ms + SUPERVISOR_STEP_MS) : ms;
+}
+
+static bool is_within(float tilt, float limit)
+{
+    return tilt < limit && tilt > -limit;
+}
+
+static void judge_arming(struct supervisor *supervisor, const struct drive_health *health)
+{
+    const bool may_arm = supervisor->is_arm_wanted && health->is_rested && is_within(health->tilt, SUPERVISOR_ARM_TILT);
+    supervisor->upright_ms = lasting(supervisor->upright_ms, may_arm);
+    if (supervisor->upright_ms < SUPERVISOR_ARM_MS)
+        return;
+    supervisor->state = DRIVE_ARMED;
+    supervisor->reason = STOP_NONE;
+    supervisor->silent_ms = 0;
+    halt(supervisor);
+}
+
+static void judge_hazards(struct supervisor *supervisor, const struct drive_health *health)
+{
+    const bool is_stuck = health->duty > STUCK_DUTY && health->wheel_speed < STUCK_SPEED;
+    supervisor->saturated_ms = lasting(supervisor->saturated_ms, health->duty > SATURATED_DUTY);
+    supervisor->stuck_ms = lasting(supervisor->stuck_ms, is_stuck);
+    supervisor->current_ms = lasting(supervisor->current_ms, health->motor_ma > MAX_CURRENT_MA);
+    if (!is_within(health->tilt, SUPERVISOR_FALL_TILT))
+        switch_off(supervisor, DRIVE_FALLEN, STOP_FELL);
+    else if (health->rail_steps >= RAIL_STEPS)
+        switch_off(supervisor, DRIVE_FAULT, STOP_SENSOR);
+    else if (supervisor->current_ms >= CURRENT_MS)
+        switch_off(supervisor, DRIVE_FAULT, STOP_CURRENT);
+    else if (supervisor->saturated_ms >= STALL_MS || supervisor->stuck_ms >= STALL_MS)
+        switch_off(supervisor, DRIVE_FAULT, STOP_STALL);
+}
+
+static void judge_link(struct supervisor *supervisor)
+{
+    if (supervisor->silent_ms < UINT16_MAX - SUPERVISOR_STEP_MS)
+        supervisor->silent_ms = (uint16_t)(supervisor->silent_ms + SUPERVISOR_STEP_MS);
+    if (supervisor->state != DRIVE_ARMED || supervisor->silent_ms < SUPERVISOR_LINK_MS)
+        return;
+    supervisor->state = DRIVE_LINK_LOST;
+    supervisor->reason = STOP_LINK;
+    halt(supervisor);
+}
+
+static uint8_t reason_to_stay(const struct drive_health *health)
+{
+    if (health->charger_mv > CHARGER_MV)
+        return STOP_CHARGER;
+    return health->battery_mv < EMPTY_BATTERY_MV ? STOP_BATTERY : STOP_NONE;
+}
+
+bool supervisor_step(struct supervisor *supervisor, const struct drive_health *health)
+{
+    judge_link(supervisor);
+    if (supervisor->state == DRIVE_DISARMED)
+        judge_arming(supervisor, health);
+    else if (supervisor_is_balancing(supervisor))
+        judge_hazards(supervisor, health);
+    const uint8_t reason = reason_to_stay(health);
+    if (supervisor_is_balancing(supervisor) && reason != STOP_NONE)
+        supervisor->reason = reason;
+    return supervisor_is_balancing(supervisor);
+}
+
+struct drive_wish supervisor_wish(const struct supervisor *supervisor, const struct drive_health *health)
+{
+    const struct drive_wish still = {0.0f, 0.0f};
+    return reason_to_stay(health) == STOP_NONE ? supervisor->wish : still;
+}

@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * What the drive board may do, and why it stopped: the rules of safety, apart from the balance law.
+ *
+ * | hazard         | rule                                                                                    |
+ * | arming         | asked for, held still for 1 s, then upright within 0.2 rad for 0.4 s                    |
+ * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again           |
+ * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
+ * | stall          | duty above 0.95, or above 0.3 with the wheels still, for 0.4 s: off                     |
+ * | over-current   | a motor above 5 A for 20 ms: off                                                        |
+ * | battery        | below 24 V no moves; charger connected: no moves                                        |
+ * | sensor dead    | gyro or accelerometer at an end of its range for 20 ms: off                             |
+ */
+#ifndef CRUNCH_DRIVE_SUPERVISOR_H
+#define CRUNCH_DRIVE_SUPERVISOR_H
+
+#include "command.h"
+
+#define SUPERVISOR_STEP_MS 5
+#define SUPERVISOR_LINK_MS 400
+#define SUPERVISOR_FALL_TILT 0.7f /* rad */
+#define SUPERVISOR_ARM_TILT 0.2f
+#define SUPERVISOR_ARM_MS 400
+
+struct drive_health { /* what one step of the loop knows */
+    float tilt;
+    bool is_rested;     /* the gyro's zero is known and the body is still */
+    uint16_t rail_steps;
+    float duty;         /* greater of the two magnitudes of the last step, 0 to 1 */
+    float wheel_speed;  /* greater of the two magnitudes against the body, m/s */
+    uint16_t battery_mv;
+    uint16_t charger_mv;
+    uint16_t motor_ma;  /* greater of the two magnitudes */
+};
+
+struct supervisor {
+    uint8_t state;       /* enum drive_state */
+    uint8_t reason;      /* enum stop_reason of the last stop */
+    bool is_arm_wanted;
+    uint8_t acknowledged; /* sequence of the last command accepted */
+    uint16_t refused;     /* commands refused since boot; stays at its maximum */
+    struct drive_wish wish;
+    uint16_t silent_ms;  /* since the last valid command; stays at its maximum */
+    uint16_t upright_ms; /* counters of conditions that must last */
+    uint16_t saturated_ms;
+    uint16_t stuck_ms;
+    uint16_t current_ms;
+};
+
+void supervisor_init(struct supervisor *supervisor);
+
+/* Obeys a command, or counts it as refused. */
+void supervisor_obey(struct supervisor *supervisor, const struct command *command);
+
+/* One step of 5 ms; returns true while the motors may run. */
+bool supervisor_step(struct supervisor *supervisor, const struct drive_health *health);
+
+/* What to drive now: the wish, or zero when nothing may move. */
+struct drive_wish supervisor_wish(const struct supervisor *supervisor, const struct drive_health *health);
+
+/* True while the robot balances. */
+bool supervisor_is_balancing(const struct supervisor *supervisor);
+
+#endif

@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tilt.h"
+
+#define TIME_CONSTANT 3.0f   /* s; test before changing: 1 s falls */
+#define TRIM_TIME 30.0f      /* s; how slowly the gyro's zero follows */
+#define STILL_STEPS 200      /* 1 s */
+#define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
+#define RAIL_LOW (4u * TILT_OVERSAMPLING)
+#define RAIL_HIGH (1019u * TILT_OVERSAMPLING)
+
+static float raw_rate(const struct inertial_sums *sums)
+{
+    return ((float)sums->gyro / (float)TILT_OVERSAMPLING - TILT_ZERO_COUNTS) * TILT_GYRO_RAD_PER_COUNT;
+}
+
+static bool is_at_rail(uint16_t sum)
+{
+    return sum <= RAIL_LOW || sum >= RAIL_HIGH;
+}
+
+static void start_rest(struct tilt *tilt, float rate)
+{
+    tilt->rest_sum = 0.0f;
+    tilt->rest_steps = 0;
+    tilt->rest_low = rate;
+    tilt->rest_high = rate;
+}
+
+void tilt_init(struct tilt *tilt)
+{
+    tilt->angle = 0.0f;
+    tilt->rate = 0.0f;
+    tilt->gyro_zero = 0.0f;
+    tilt->rail_steps = 0;
+    start_rest(tilt, 0.0f);
+}
+
+float tilt_of_gravity(const struct inertial_sums *sums)
+{
+    float sine = ((float)sums->accelerometer / (float)TILT_OVERSAMPLING - TILT_ZERO_COUNTS) * TILT_G_PER_COUNT;
+    if (sine > 1.0f)
+        sine = 1.0f;
+    if (sine < -1.0f)
+        sine = -1.0f;
+    const float square = sine * sine;
+    return sine * (1.0f + square * (1.0f / 6.0f + square * (3.0f / 40.0f + square * 0.32f))); /* asin, within 0.05 rad at 1.5 */
+}
+
+void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)
+{
+    tilt->rate = raw_rate(sums) - tilt->gyro_zero;
+    const float disagreement = tilt_of_gravity(sums) - tilt->angle;
+    tilt->angle += (tilt->rate + disagreement / TIME_CONSTANT) * TILT_DT;
+    tilt->gyro_zero -= disagreement * (TILT_DT / (TIME_CONSTANT * TRIM_TIME));
+    if (!is_at_rail(sums->gyro) && !is_at_rail(sums->accelerometer))
+        tilt->rail_steps = 0;
+    else if (tilt->rail_steps < UINT16_MAX)
+        tilt->rail_steps++;
+}
+
+bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
+{
+    const float rate = raw_rate(sums);
+    if (rate < tilt->rest_low)
+        tilt->rest_low = rate;
+    if (rate > tilt->rest_high)
+        tilt->rest_high = rate;
+    if (tilt->rest_steps == 0 || tilt->rest_high - tilt->rest_low > STILL_SPREAD)
+        start_rest(tilt, rate);
+    tilt->rest_sum += rate;
+    tilt->rest_steps++;
+    if (tilt->rest_steps == STILL_STEPS) {
+        tilt->gyro_zero = tilt->rest_sum / (float)STILL_STEPS;
+        tilt->angle = tilt_of_gravity(sums);
+    }
+    if (tilt->rest_steps < STILL_STEPS)
+        return false;
+    tilt->rest_steps = STILL_STEPS + 1; /* stays known until the body moves */
+    return true;
+}

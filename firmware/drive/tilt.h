@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The body's lean from an angular rate sensor and an accelerometer: a complementary filter (thesis, 1.1).
+ *
+ * The gyro is trusted over short times, the accelerometer over long ones. The time constant is 3 s: at 1 s the
+ * horizontal acceleration of driving leaks in and the robot falls. A slow third term trims the gyro's zero, which is
+ * first learned while the robot is held still before arming. Angles in rad, rates in rad/s, forward positive.
+ */
+#ifndef CRUNCH_DRIVE_TILT_H
+#define CRUNCH_DRIVE_TILT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define TILT_OVERSAMPLING 5 /* ADC readings summed per step: 1 kHz sweep, 200 Hz loop */
+#define TILT_DT 0.005f      /* s between steps */
+
+/* 10-bit ADC on 5 V: ADXRS150 12.5 mV per deg/s around 2.5 V, ADXL203 1 V per g around 2.5 V. */
+#define TILT_ZERO_COUNTS 512.0f
+#define TILT_GYRO_RAD_PER_COUNT 0.00681769f
+#define TILT_G_PER_COUNT 0.0048828125f
+
+/* Sums of TILT_OVERSAMPLING readings each. */
+struct inertial_sums {
+    uint16_t gyro;
+    uint16_t accelerometer;
+};
+
+struct tilt {
+    float angle;
+    float rate;
+    float gyro_zero;     /* rad/s that the gyro shows at rest */
+    float rest_sum;      /* of the raw rate while still, */
+    uint16_t rest_steps; /* over so many steps */
+    float rest_low;      /* extremes of the raw rate in this rest */
+    float rest_high;
+    uint16_t rail_steps; /* steps in a row with a sensor at an end of its range */
+};
+
+void tilt_init(struct tilt *tilt);
+
+/* One step of the filter. */
+void tilt_step(struct tilt *tilt, const struct inertial_sums *sums);
+
+/* Called after tilt_step while not balancing: after 1 s without motion the gyro's zero is learned and the angle is the
+ * accelerometer's. Returns true from then on, until the body moves. */
+bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums);
+
+/* Angle that the accelerometer alone shows. */
+float tilt_of_gravity(const struct inertial_sums *sums);
+
+#endif
