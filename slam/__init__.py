@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numba
 import platformdirs
+from numba.core import config
 
 
 def _kernel_cache() -> str:
@@ -25,4 +26,4 @@ def _kernel_cache() -> str:
     return str(Path(root) / digest.hexdigest()[:16])
 
 
-numba.config.CACHE_DIR = _kernel_cache()
+config.CACHE_DIR = _kernel_cache()  # pyright: ignore[reportAttributeAccessIssue]

@@ -28,16 +28,16 @@ class AffinityParams(Params):
 
     kind: Literal["points", "segments"] = "points"
     states: Literal[2, 3] = 3  # 2: the thesis's inside/outside; 3: also unknown
-    n_points: int = Field(64, ge=1)
-    spread: float = Field(0.6, gt=0.0)  # sigma of the test points, times the local map's reach
+    n_points: int = Field(default=64, ge=1)
+    spread: float = Field(default=0.6, gt=0.0)  # sigma of the test points, times the local map's reach
     both_free: float = 0.22
     both_wall: float = 1.16
     differ: float = -1.3
-    wall_thickness: float = Field(0.25, gt=0.0)  # m behind a wall that count as outside
-    label_cell: float = Field(0.04, gt=0.0)  # m
+    wall_thickness: float = Field(default=0.25, gt=0.0)  # m behind a wall that count as outside
+    label_cell: float = Field(default=0.04, gt=0.0)  # m
     early_exit: float = -math.inf  # running mean below which the rest of the points is not looked at
-    segment_scale: float = Field(0.1, gt=0.0)  # m, decay of affinity 1 with distance
-    gain: float = Field(5.0, ge=0.0)  # log weight per unit of affinity: the tempering
+    segment_scale: float = Field(default=0.1, gt=0.0)  # m, decay of affinity 1 with distance
+    gain: float = Field(default=5.0, ge=0.0)  # log weight per unit of affinity: the tempering
 
 
 class Pattern(NamedTuple):

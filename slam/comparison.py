@@ -29,9 +29,9 @@ from slam.walls import Walls
 class ComparisonParams(Params):
     """Which vertices are compared, and how."""
 
-    neighbours: int = Field(3, ge=1)  # earlier vertices compared with a new one, the nearest first
-    range: float = Field(0.8, gt=0.0)  # m between vertices that are compared
-    gap: int = Field(8, ge=1)  # vertices that must lie between them, for neighbours share the same readings
+    neighbours: int = Field(default=3, ge=1)  # earlier vertices compared with a new one, the nearest first
+    range: float = Field(default=0.8, gt=0.0)  # m between vertices that are compared
+    gap: int = Field(default=8, ge=1)  # vertices that must lie between them, for neighbours share the same readings
     affinity: AffinityParams = AffinityParams()
 
 

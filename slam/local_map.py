@@ -8,6 +8,7 @@ pseudo-Bayesian: log odds add up and are clamped low, so that new readings overr
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +16,7 @@ from pydantic import Field
 
 from slam.grid import Grid
 from slam.params import Params
+from slam.pose import between
 from slam.rangefinder import RingParams
 
 SONAR, INFRARED, BEAM = 0, 1, 2
@@ -24,24 +26,61 @@ MODELS = {"sonar": SONAR, "infrared": INFRARED, "beam": BEAM}
 class LocalMapParams(Params):
     """Size of the local map and strength of the evidence, as log odds per reading."""
 
-    reach: float | None = Field(None, gt=0.0)  # m from the robot to the border; None follows the sensors
+    reach: float | None = Field(default=None, gt=0.0)  # m from the robot to the border; None follows the sensors
     reach_share: float = Field(
-        2.0 / 3.0, gt=0.0, le=1.0
+        default=2.0 / 3.0, gt=0.0, le=1.0
     )  # of the longest sensor's range, where reach follows the sensors
-    finest_cell: float = Field(0.025, gt=0.0)  # m
-    cells_per_reach: int = Field(80, gt=10)  # bounds the grid of far-seeing sensors
-    clamp: float = Field(2.5, gt=0.0)
-    beam_hit: float = Field(0.9, ge=0.0)
-    beam_miss: float = Field(0.35, ge=0.0)
-    sonar_hit: float = Field(0.10, ge=0.0)
-    sonar_miss: float = Field(0.12, ge=0.0)
-    sonar_silent_miss: float = Field(0.4, ge=0.0, le=1.0)  # share of sonar_miss when there was no echo
-    sonar_silent_reach: float = Field(0.33, ge=0.0, le=1.0)  # share of max_range freed when there was no echo
-    silent_reach: float = Field(0.875, ge=0.0, le=1.0)  # the same for infra-red and laser beams
-    sonar_arc: float = Field(0.04, gt=0.0)  # m, half the thickness of the arc where an echo may come from
-    sonar_margin: float = Field(0.06, ge=0.0)  # m before the echo that are not called free
-    footprint: float = Field(0.12, ge=0.0)  # m around the robot that are free because it stands there
+    finest_cell: float = Field(default=0.025, gt=0.0)  # m
+    cells_per_reach: int = Field(default=80, gt=10)  # bounds the grid of far-seeing sensors
+    clamp: float = Field(default=2.5, gt=0.0)
+    beam_hit: float = Field(default=0.9, ge=0.0)
+    beam_miss: float = Field(default=0.35, ge=0.0)
+    sonar_hit: float = Field(default=0.10, ge=0.0)
+    sonar_miss: float = Field(default=0.12, ge=0.0)
+    sonar_silent_miss: float = Field(default=0.4, ge=0.0, le=1.0)  # share of sonar_miss when there was no echo
+    sonar_silent_reach: float = Field(default=0.33, ge=0.0, le=1.0)  # share of max_range freed when there was no echo
+    silent_reach: float = Field(default=0.875, ge=0.0, le=1.0)  # the same for infra-red and laser beams
+    sonar_arc: float = Field(default=0.04, gt=0.0)  # m, half the thickness of the arc where an echo may come from
+    sonar_margin: float = Field(default=0.06, ge=0.0)  # m before the echo that are not called free
+    footprint: float = Field(default=0.12, ge=0.0)  # m around the robot that are free because it stands there
     resample: bool = False  # the thesis's transform-and-resample at every move
+
+
+class Evidence(NamedTuple):
+    """The parameters as the kernels take them."""
+
+    clamp: float
+    beam_hit: float
+    beam_miss: float
+    sonar_hit: float
+    sonar_miss: float
+    sonar_silent_miss: float
+    sonar_silent_reach: float
+    silent_reach: float
+    sonar_arc: float
+    sonar_margin: float
+
+
+class Ring(NamedTuple):
+    """A ring of rangefinders as the kernels take it; `model` is SONAR, INFRARED or BEAM, bearings are (n,) rad."""
+
+    model: int
+    bearings: np.ndarray
+    offset: float
+    height: float
+    half_angle: float
+    min_range: float
+    max_range: float
+
+
+class Beam(NamedTuple):
+    """One reading on the floor: start and bearing in the grid's frame, free up to `free` m, a wall at `echo` or inf."""
+
+    x: float
+    y: float
+    bearing: float
+    free: float
+    echo: float
 
 
 @njit(cache=True)
@@ -77,52 +116,57 @@ def resample_cells(cells, resolution, x, y, theta):
 
 
 @njit(cache=True)
-def fuse_beam(cells, resolution, x, y, bearing, free, hit, sigma, miss_weight, hit_weight, clamp):
-    """Add one thin beam from (x, y) in grid coordinates (m): free to `free`, a wall near `hit` (inf: none)."""
-    n = cells.shape[0]
-    cos, sin = math.cos(bearing), math.sin(bearing)
-    steps = int(free / resolution) + 1 if free > 0.0 else 0
+def fuse_beam(grid, beam, sigma, evidence):
+    """Add a thin beam: free up to its end, and a Gaussian bump of `sigma` m along it where the wall is."""
+    n = grid.cells.shape[0]
+    resolution = grid.resolution
+    x, y = beam.x - grid.x, beam.y - grid.y
+    cos, sin = math.cos(beam.bearing), math.sin(beam.bearing)
+    steps = int(beam.free / resolution) + 1 if beam.free > 0.0 else 0
     for step in range(steps):
         row = math.floor((y + step * resolution * sin) / resolution)
         column = math.floor((x + step * resolution * cos) / resolution)
         if row < 0 or column < 0 or row >= n or column >= n:
             break
-        cells[row, column] = max(-clamp, cells[row, column] - miss_weight)
-    if not math.isfinite(hit):
+        grid.cells[row, column] = max(-evidence.clamp, grid.cells[row, column] - evidence.beam_miss)
+    if not math.isfinite(beam.echo):
         return
     width = max(1, int(sigma / resolution + 0.5))
     last_row, last_column = -1, -1
     for step in range(-width, width + 1):
-        distance = hit + step * resolution
-        row = math.floor((y + distance * sin) / resolution)
-        column = math.floor((x + distance * cos) / resolution)
+        distance = beam.echo + step * resolution
+        row, column = math.floor((y + distance * sin) / resolution), math.floor((x + distance * cos) / resolution)
         if row < 0 or column < 0 or row >= n or column >= n or (row == last_row and column == last_column):
             continue
         last_row, last_column = row, column
-        weight = hit_weight * math.exp(-0.5 * (step * resolution / sigma) ** 2)
-        cells[row, column] = min(clamp, cells[row, column] + weight)
+        weight = evidence.beam_hit * math.exp(-0.5 * (step * resolution / sigma) ** 2)
+        grid.cells[row, column] = min(evidence.clamp, grid.cells[row, column] + weight)
 
 
 @njit(cache=True)
-def fuse_cone(cells, resolution, x, y, bearing, half_angle, free, echo, arc, miss_weight, hit_weight, clamp):
-    """Add one sonar cone from (x, y) in grid coordinates: free before `free`, an arc at `echo` (inf: none).
+def fuse_cone(grid, beam, half_angle, miss_weight, evidence):
+    """Add a sonar cone: free before its end, fading towards the echo, and an arc where the echo may come from.
 
-    Weights fall with the square of the angle off the axis, 2 (1 - cos) standing in for it, and free evidence fades
-    towards the echo.
+    Weights fall with the square of the angle off the axis, for which 2 (1 - cos) stands in.
     """
-    n = cells.shape[0]
-    cos, sin = math.cos(bearing), math.sin(bearing)
+    n = grid.cells.shape[0]
+    resolution, arc, clamp = grid.resolution, evidence.sonar_arc, evidence.clamp
+    x, y = beam.x - grid.x, beam.y - grid.y
+    cos, sin = math.cos(beam.bearing), math.sin(beam.bearing)
+    cos_left, sin_left = math.cos(beam.bearing + half_angle), math.sin(beam.bearing + half_angle)
+    cos_right, sin_right = math.cos(beam.bearing - half_angle), math.sin(beam.bearing - half_angle)
     edge = math.cos(half_angle)
     sharpness = 2.0 / (half_angle * half_angle)
-    reach = echo + arc if math.isfinite(echo) else free
-    fade = 1.0 / max(echo if math.isfinite(echo) else free, 1e-6)
-    left = x + reach * min(0.0, math.cos(bearing + half_angle), math.cos(bearing - half_angle), cos)
-    right = x + reach * max(0.0, math.cos(bearing + half_angle), math.cos(bearing - half_angle), cos)
-    low = y + reach * min(0.0, math.sin(bearing + half_angle), math.sin(bearing - half_angle), sin)
-    high = y + reach * max(0.0, math.sin(bearing + half_angle), math.sin(bearing - half_angle), sin)
-    for row in range(max(0, int(low / resolution) - 1), min(n, int(high / resolution) + 2)):
+    end = beam.echo if math.isfinite(beam.echo) else beam.free
+    reach = end + arc if math.isfinite(beam.echo) else end
+    bulge = reach / edge  # the triangle that holds the sector
+    first_column = int((x + bulge * min(0.0, cos_left, cos_right)) / resolution) - 1
+    last_column = int((x + bulge * max(0.0, cos_left, cos_right)) / resolution) + 1
+    first_row = int((y + bulge * min(0.0, sin_left, sin_right)) / resolution) - 1
+    last_row = int((y + bulge * max(0.0, sin_left, sin_right)) / resolution) + 1
+    for row in range(max(0, first_row), min(n, last_row + 1)):
         dy = (row + 0.5) * resolution - y
-        for column in range(max(0, int(left / resolution) - 1), min(n, int(right / resolution) + 2)):
+        for column in range(max(0, first_column), min(n, last_column + 1)):
             dx = (column + 0.5) * resolution - x
             along = dx * cos + dy * sin
             square = dx * dx + dy * dy
@@ -130,86 +174,75 @@ def fuse_cone(cells, resolution, x, y, bearing, half_angle, free, echo, arc, mis
                 continue
             distance = math.sqrt(square)
             aim = 1.0 - sharpness * (1.0 - along / max(distance, 1e-9))
-            if distance < free:
-                value = cells[row, column] - miss_weight * aim * (1.0 - distance * fade)
-                cells[row, column] = max(-clamp, value)
-            elif abs(distance - echo) <= arc:
-                cells[row, column] = min(clamp, cells[row, column] + hit_weight * aim)
+            if distance < beam.free:
+                value = grid.cells[row, column] - miss_weight * aim * (1.0 - distance / end)
+                grid.cells[row, column] = max(-clamp, value)
+            elif abs(distance - beam.echo) <= arc:
+                grid.cells[row, column] = min(clamp, grid.cells[row, column] + evidence.sonar_hit * aim)
 
 
 @njit(cache=True)
-def clear_disc(cells, resolution, x, y, radius, clamp):
-    """Mark the disc under the robot as free."""
-    n = cells.shape[0]
-    for row in range(max(0, int((y - radius) / resolution)), min(n, int((y + radius) / resolution) + 1)):
-        for column in range(max(0, int((x - radius) / resolution)), min(n, int((x + radius) / resolution) + 1)):
-            dx, dy = (column + 0.5) * resolution - x, (row + 0.5) * resolution - y
+def clear_disc(grid, x, y, radius, clamp):
+    """Mark the disc under the robot at (x, y) as free."""
+    n = grid.cells.shape[0]
+    u, v, resolution = x - grid.x, y - grid.y, grid.resolution
+    for row in range(max(0, int((v - radius) / resolution)), min(n, int((v + radius) / resolution) + 1)):
+        for column in range(max(0, int((u - radius) / resolution)), min(n, int((u + radius) / resolution) + 1)):
+            dx, dy = (column + 0.5) * resolution - u, (row + 0.5) * resolution - v
             if dx * dx + dy * dy <= radius * radius:
-                cells[row, column] = -clamp
+                grid.cells[row, column] = -clamp
 
 
 @njit(cache=True)
-def fuse_ring(
-    cells, resolution, x, y, theta, tilt, model, bearings, offset, height, half_angle, limits, ranges, weights
-):
-    """Add one sweep of a ring seen from (x, y, theta) in grid coordinates by a body that leans by `tilt`.
+def fuse_ring(grid, pose, tilt, ring, ranges, evidence):
+    """Add one sweep (n,) of a ring on a body at `pose` (x, y, theta) of the grid's frame that leans forward by `tilt`.
 
-    `limits` is (min_range, max_range); `weights` is LocalMap.weights. A beam that leans into the floor speaks only of
-    the floor distance before it. Ranges are (n,): inf is no return, nan was not measured.
+    A leaning beam is projected on the floor; one that ends where it meets the floor speaks only of what is before it.
     """
-    clamp, beam_hit, beam_miss, sonar_hit, sonar_miss = weights[0], weights[1], weights[2], weights[3], weights[4]
-    silent_miss, silent_sonar, silent_beam, arc, margin = weights[5], weights[6], weights[7], weights[8], weights[9]
-    top = height * math.sin(tilt)  # the leaning body carries its sensors forward
-    base_x, base_y = x + top * math.cos(theta), y + top * math.sin(theta)
-    for beam in range(bearings.size):
-        measured = ranges[beam]
-        if math.isnan(measured):
+    lean = ring.height * math.sin(tilt)  # the leaning body carries its sensors forward
+    base_x, base_y = pose[0] + lean * math.cos(pose[2]), pose[1] + lean * math.sin(pose[2])
+    for i in range(ring.bearings.size):
+        echo = ranges[i]
+        if math.isnan(echo) or echo < ring.min_range:
             continue
-        slope = math.sin(tilt) * math.cos(bearings[beam])  # sine of the beam's angle below the horizon
-        floor = height / slope if slope > 1e-3 else math.inf
-        if measured < limits[0]:
-            continue
-        echo = measured
-        if echo > limits[1] or echo > 0.9 * floor:
-            echo = math.inf
+        slope = math.sin(tilt) * math.cos(ring.bearings[i])  # sine of the beam's angle below the horizon
         flat = math.sqrt(1.0 - slope * slope)
-        bearing = theta + bearings[beam]
-        start_x, start_y = base_x + offset * math.cos(bearing), base_y + offset * math.sin(bearing)
-        if model == SONAR:
-            if math.isfinite(echo):
-                fuse_cone(
-                    cells, resolution, start_x, start_y, bearing, half_angle, echo * flat - margin, echo * flat, arc,
-                    sonar_miss, sonar_hit, clamp,
-                )  # fmt: skip
-            else:
-                free = min(silent_sonar * limits[1], 0.9 * floor) * flat
-                fuse_cone(
-                    cells, resolution, start_x, start_y, bearing, half_angle, free, math.inf, arc,
-                    sonar_miss * silent_miss, 0.0, clamp,
-                )  # fmt: skip
-            continue
-        sigma = 0.012 + 0.04 * (min(echo, limits[1]) / 0.8) ** 2 if model == INFRARED else 0.02
-        if math.isfinite(echo):
-            free = echo * flat - 1.2 * sigma - resolution
+        floor = 0.9 * ring.height / slope if slope > 1e-3 else math.inf
+        if echo > ring.max_range or echo > floor:
+            echo = math.inf
+        bearing = pose[2] + ring.bearings[i]
+        x, y = base_x + ring.offset * math.cos(bearing), base_y + ring.offset * math.sin(bearing)
+        has_echo = math.isfinite(echo)
+        if ring.model == SONAR:
+            free = (
+                echo - evidence.sonar_margin if has_echo else min(evidence.sonar_silent_reach * ring.max_range, floor)
+            )
+            miss_weight = evidence.sonar_miss * (1.0 if has_echo else evidence.sonar_silent_miss)
+            fuse_cone(grid, Beam(x, y, bearing, free * flat, echo * flat), ring.half_angle, miss_weight, evidence)
         else:
-            free = min(silent_beam * limits[1], 0.9 * floor) * flat
-        fuse_beam(cells, resolution, start_x, start_y, bearing, free, echo * flat, sigma, beam_miss, beam_hit, clamp)
+            sigma = 0.012 + 0.04 * (min(echo, ring.max_range) / 0.8) ** 2 if ring.model == INFRARED else 0.02
+            free = echo - 1.2 * sigma if has_echo else min(evidence.silent_reach * ring.max_range, floor)
+            fuse_beam(grid, Beam(x, y, bearing, free * flat - grid.resolution, echo * flat), sigma, evidence)
 
 
-class Ring:
-    """A ring of rangefinders as arrays for the kernels."""
-
-    def __init__(self, params: RingParams):
-        self.model = MODELS[params.model]
-        self.bearings = params.bearings
-        self.offset = params.offset
-        self.height = params.height
-        self.half_angle = params.half_angle
-        self.limits = np.array([params.min_range, params.max_range])
+def ring_arrays(params: RingParams) -> Ring:
+    """The ring as the kernels take it."""
+    return Ring(
+        MODELS[params.model],
+        params.bearings,
+        params.offset,
+        params.height,
+        params.half_angle,
+        params.min_range,
+        params.max_range,
+    )
 
 
 class LocalMap:
-    """A square of cells that follows the robot; poses are (3,) in the odometry frame."""
+    """A square of cells that follows the robot; poses are (3,) in the odometry frame.
+
+    `reach` is how far walls are looked for; a `border` (m) lies around it, for looks from where the robot was before.
+    """
 
     def __init__(self, params: LocalMapParams, sensors: dict[str, RingParams], border: float = 0.0):
         longest = max(ring.max_range for ring in sensors.values())
@@ -217,65 +250,39 @@ class LocalMap:
         self.resolution = max(params.finest_cell, self.reach / params.cells_per_reach)
         half = round((self.reach + border) / self.resolution)
         self.cells = np.zeros((2 * half, 2 * half), np.float32)
-        self.corner = np.array([-half, -half])  # of cell (0, 0), in whole cells from the odometry frame's origin
-        self.rings = {name: Ring(ring) for name, ring in sensors.items()}
+        self.half = half
+        self.columns, self.rows = -half, -half  # of cell (0, 0)'s corner, in whole cells from the frame's origin
+        self.frame = np.zeros(3) if params.resample else None  # odometry-frame pose of a map that is resampled
+        self.rings = {name: ring_arrays(ring) for name, ring in sensors.items()}
         self.footprint = params.footprint
-        self.weights = np.array([
-            params.clamp, params.beam_hit, params.beam_miss, params.sonar_hit, params.sonar_miss,
-            params.sonar_silent_miss, params.sonar_silent_reach, params.silent_reach, params.sonar_arc,
-            params.sonar_margin,
-        ])  # fmt: skip
-        self.resamples = params.resample
-        self.frame = np.zeros(3)  # odometry-frame pose of the resampled map
+        self.evidence = Evidence(*(getattr(params, name) for name in Evidence._fields))
 
     def move(self, pose: np.ndarray) -> None:
         """Follow the robot to `pose` (3,)."""
-        if self.resamples:
-            cos, sin = math.cos(self.frame[2]), math.sin(self.frame[2])
-            dx, dy = pose[0] - self.frame[0], pose[1] - self.frame[1]
-            turn = pose[2] - self.frame[2]
-            self.cells = resample_cells(self.cells, self.resolution, cos * dx + sin * dy, cos * dy - sin * dx, turn)
+        if self.frame is not None:
+            x, y, turn = between(self.frame, pose)
+            self.cells = resample_cells(self.cells, self.resolution, x, y, turn)
             self.frame = np.array(pose, float)
             return
-        half = self.cells.shape[0] // 2
-        columns = math.floor(pose[0] / self.resolution) - half - int(self.corner[0])
-        rows = math.floor(pose[1] / self.resolution) - half - int(self.corner[1])
+        columns = math.floor(pose[0] / self.resolution) - self.half - self.columns
+        rows = math.floor(pose[1] / self.resolution) - self.half - self.rows
         if columns or rows:
             self.cells = shift_cells(self.cells, columns, rows)
-            self.corner = self.corner + np.array([columns, rows])
+            self.columns += columns
+            self.rows += rows
 
     def in_grid(self, pose: np.ndarray) -> tuple[float, float, float]:
-        """`pose` in grid coordinates: metres from cell (0, 0)'s corner, and heading."""
-        if self.resamples:
-            cos, sin = math.cos(self.frame[2]), math.sin(self.frame[2])
-            dx, dy = pose[0] - self.frame[0], pose[1] - self.frame[1]
-            half = 0.5 * self.cells.shape[0] * self.resolution
-            return cos * dx + sin * dy + half, cos * dy - sin * dx + half, pose[2] - self.frame[2]
-        return (
-            float(pose[0] - self.corner[0] * self.resolution),
-            float(pose[1] - self.corner[1] * self.resolution),
-            float(pose[2]),
-        )
+        """`pose` (3,) of the odometry frame in the grid's frame, which is the odometry's unless it is resampled."""
+        x, y, theta = pose if self.frame is None else between(self.frame, pose)
+        return float(x), float(y), float(theta)
 
     def fuse(self, sensor: str, ranges: np.ndarray, pose: np.ndarray, tilt: float = 0.0) -> None:
-        """Follow the robot to `pose` and add one sweep (n,) of `sensor` taken there; KeyError for an unknown sensor."""
-        ring = self.rings[sensor]
-        self.move(pose)
-        x, y, theta = self.in_grid(pose)
-        fuse_ring(
-            self.cells, self.resolution, x, y, theta, tilt, ring.model, ring.bearings, ring.offset, ring.height,
-            ring.half_angle, ring.limits, ranges, self.weights,
-        )  # fmt: skip
-        clear_disc(self.cells, self.resolution, x, y, self.footprint, self.weights[0])
+        """Add one sweep (n,) of `sensor` taken at `pose` (3,), here or a little back; KeyError if unknown."""
+        grid, seat = self.grid(), self.in_grid(pose)
+        fuse_ring(grid, seat, tilt, self.rings[sensor], ranges, self.evidence)
+        clear_disc(grid, seat[0], seat[1], self.footprint, self.evidence.clamp)
 
     def grid(self) -> Grid:
-        """The map as a Grid in the odometry frame; in the robot's frame where the map is resampled."""
-        if self.resamples:
-            half = 0.5 * self.cells.shape[0] * self.resolution
-            return Grid(self.cells, self.resolution, -half, -half)
-        return Grid(
-            self.cells,
-            self.resolution,
-            float(self.corner[0] * self.resolution),
-            float(self.corner[1] * self.resolution),
-        )
+        """The map as it is now; its cells are the map's own."""
+        resolution = self.resolution
+        return Grid(self.cells, resolution, self.columns * resolution, self.rows * resolution)

@@ -27,10 +27,12 @@ WHERE, SIZE, ANGLE_STEP, DISTANCE_STEP = 16, 17, 18, 19  # streams of random num
 class LocalSearchParams(Params):
     """How long the search tries, and how boldly."""
 
-    perturbations: int = Field(100, ge=0)  # tried after each new vertex
-    smallest: float = Field(0.05, gt=0.0)  # standard deviations of a perturbation, drawn log-uniformly between these
-    largest: float = Field(2.0, gt=0.0)
-    reach: float = Field(1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
+    perturbations: int = Field(default=100, ge=0)  # tried after each new vertex
+    smallest: float = Field(
+        default=0.05, gt=0.0
+    )  # standard deviations of a perturbation, drawn log-uniformly between these
+    largest: float = Field(default=2.0, gt=0.0)
+    reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()
     comparison: ComparisonParams = ComparisonParams()
 

@@ -21,17 +21,17 @@ ANGLE, DISTANCE, TURN_BIAS, SCALE_BIAS, TURN_JITTER, SCALE_JITTER, OFFSET = rang
 class MotionParams(Params):
     """Standard deviations of odometry's errors; noise grows with the root of the distance, biases with the distance."""
 
-    turn_noise: float = Field(0.040, ge=0.0)  # rad per root metre
-    distance_noise: float = Field(0.055, ge=0.0)  # m per root metre
-    rotation_noise: float = Field(0.05, ge=0.0)  # rad per rad turned
-    turn_bias: float = Field(0.03, ge=0.0)  # rad/m, spread of the particles' biases at the start
-    scale_bias: float = Field(0.03, ge=0.0)  # share of the distance, likewise
-    jitter: float = Field(0.1, ge=0.0)  # of the biases at each resampling, as a share of their first spread
+    turn_noise: float = Field(default=0.040, ge=0.0)  # rad per root metre
+    distance_noise: float = Field(default=0.055, ge=0.0)  # m per root metre
+    rotation_noise: float = Field(default=0.05, ge=0.0)  # rad per rad turned
+    turn_bias: float = Field(default=0.03, ge=0.0)  # rad/m, spread of the particles' biases at the start
+    scale_bias: float = Field(default=0.03, ge=0.0)  # share of the distance, likewise
+    jitter: float = Field(default=0.1, ge=0.0)  # of the biases at each resampling, as a share of their first spread
 
 
 @njit(cache=True, inline="always")
 def moved_pose(x, y, theta, motion, travelled, noise, angle_error, distance_error, turn_bias, scale_bias):
-    """Pose after `motion` (3,) over `travelled` m with errors in standard deviations; noise is (turn, distance, rotation).
+    """Pose after `motion` (3,) over `travelled` m with errors in standard deviations; `noise` as in `propagate`.
 
     Half the angle error acts before the translation and half after it.
     """
@@ -50,7 +50,8 @@ def moved_pose(x, y, theta, motion, travelled, noise, angle_error, distance_erro
 def propagate(poses, motion, travelled, noise, turn_biases, scale_biases, seed, vertex, moved, plausibilities):
     """Move all particles by the motion model: `moved` (n, 3) from `poses` (n, 3); add to their log densities.
 
-    `motion` (3,) is the odometry's, in the older vertex's frame, over `travelled` metres.
+    `motion` (3,) is the odometry's, in the older vertex's frame, over `travelled` metres; `noise` is (turn, distance,
+    rotation) of the parameters.
     """
     for p in range(poses.shape[0]):
         angle_error, distance_error = gaussian(seed, vertex, p, ANGLE), gaussian(seed, vertex, p, DISTANCE)

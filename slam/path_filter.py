@@ -29,17 +29,17 @@ from slam.walls import Walls
 class DirectionParams(Params):
     """The wall-direction prior: buildings have two wall directions, mostly; where not, the outliers' share rules."""
 
-    gain: float = Field(2.0, ge=0.0)  # 0 switches it off
-    memory: float = Field(0.98, ge=0.0, le=1.0)  # of the particle's own wall directions, per vertex
-    outliers: float = Field(0.15, ge=0.0, le=1.0)  # share of vertices whose walls obey no common direction
+    gain: float = Field(default=2.0, ge=0.0)  # 0 switches it off
+    memory: float = Field(default=0.98, ge=0.0, le=1.0)  # of the particle's own wall directions, per vertex
+    outliers: float = Field(default=0.15, ge=0.0, le=1.0)  # share of vertices whose walls obey no common direction
 
 
 class PathFilterParams(Params):
     """Size of the filter and when it resamples; how paths are extended and compared."""
 
-    particles: int = Field(2000, ge=1)
-    threshold: float = Field(0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
-    reach: float = Field(1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
+    particles: int = Field(default=2000, ge=1)
+    threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
+    reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()
     comparison: ComparisonParams = ComparisonParams()
     direction: DirectionParams = DirectionParams()

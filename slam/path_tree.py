@@ -112,12 +112,12 @@ class PathTree:
 
     def __init__(self, n_particles: int, root: np.ndarray):
         capacity = 4 * n_particles + 64
-        self.nodes = empty_nodes(capacity)
+        self.nodes: Nodes = empty_nodes(capacity)
         self.free = np.arange(capacity - 1, -1, -1, dtype=np.int32)
         self.n_free = capacity - 1
         self.nodes.poses[0] = root
         self.nodes.references[0] = n_particles
-        self.leaves = np.zeros(n_particles, np.int32)
+        self.leaves: np.ndarray = np.zeros(n_particles, np.int32)
         self.n_levels = 1
         self.boxes = np.zeros((64, 4), np.float32)
         bound_levels(self.nodes, self.boxes[:1])

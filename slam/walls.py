@@ -20,15 +20,15 @@ from slam.params import Params
 class WallParams(Params):
     """How rays are traced and which curves are kept."""
 
-    n_rays: int = Field(120, ge=8)
-    occupied: float = Field(0.6, gt=0.0)  # log odds above which a cell is a wall
-    free: float = Field(-0.3, lt=0.0)  # log odds below which a cell was seen free
-    thickness: float = Field(0.16, gt=0.0)  # m of an occupied run whose centroid is the wall
-    unseen_gap: float = Field(0.08, ge=0.0)  # m of unknown that a free ray may cross
-    join_rays: int = Field(4, ge=0)  # empty rays that a curve may bridge
-    jump: float = Field(0.15, gt=0.0)  # m between neighbouring rays that part two curves
-    shortest: int = Field(4, ge=1)  # rays of the shortest curve kept
-    smoothing: float = Field(1.5, ge=0.0)  # rays, sigma of the Gaussian along a curve
+    n_rays: int = Field(default=120, ge=8)
+    occupied: float = Field(default=0.6, gt=0.0)  # log odds above which a cell is a wall
+    free: float = Field(default=-0.3, lt=0.0)  # log odds below which a cell was seen free
+    thickness: float = Field(default=0.16, gt=0.0)  # m of an occupied run whose centroid is the wall
+    unseen_gap: float = Field(default=0.08, ge=0.0)  # m of unknown that a free ray may cross
+    join_rays: int = Field(default=4, ge=0)  # empty rays that a curve may bridge
+    jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring rays that part two curves
+    shortest: int = Field(default=4, ge=1)  # rays of the shortest curve kept
+    smoothing: float = Field(default=1.5, ge=0.0)  # rays, sigma of the Gaussian along a curve
 
 
 class Walls(NamedTuple):
@@ -38,9 +38,24 @@ class Walls(NamedTuple):
     free: np.ndarray
 
 
+class Tracing(NamedTuple):
+    """The parameters of a ray as the kernel takes them, and how far (m) it is followed."""
+
+    reach: float
+    occupied: float
+    free: float
+    thickness: float
+    unseen_gap: float
+
+
 @njit(cache=True)
-def trace_rays(cells, resolution, x, y, theta, reach, n_rays, occupied, free_below, thickness, unseen_gap):
-    """Distances (n_rays,) to the first occupied run's centroid or inf, and distances seen free, up to `reach` m."""
+def trace_rays(grid, pose, n_rays, tracing):
+    """Distances (n_rays,) to the first wall, or inf, and distances (n_rays,) seen free.
+
+    A wall is the centroid of an occupied run. `pose` is (x, y, theta) in the grid's frame.
+    """
+    cells, resolution = grid.cells, grid.resolution
+    x, y, theta = pose[0] - grid.x, pose[1] - grid.y, pose[2]
     n = cells.shape[0]
     distances = np.full(n_rays, np.inf)
     free = np.zeros(n_rays)
@@ -49,26 +64,26 @@ def trace_rays(cells, resolution, x, y, theta, reach, n_rays, occupied, free_bel
         angle = theta + 2.0 * math.pi * ray / n_rays
         cos, sin = math.cos(angle), math.sin(angle)
         distance, is_open = 0.0, True
-        while distance < reach:
+        while distance < tracing.reach:
             row, column = math.floor((y + distance * sin) / resolution), math.floor((x + distance * cos) / resolution)
             if row < 0 or column < 0 or row >= n or column >= n:
                 break
             value = cells[row, column]
-            if value > occupied:
+            if value > tracing.occupied:
                 weight, moment, depth = 0.0, 0.0, distance
-                while depth < distance + thickness:
+                while depth < distance + tracing.thickness:
                     row, column = math.floor((y + depth * sin) / resolution), math.floor((x + depth * cos) / resolution)
-                    if row < 0 or column < 0 or row >= n or column >= n or cells[row, column] <= occupied:
+                    if row < 0 or column < 0 or row >= n or column >= n or cells[row, column] <= tracing.occupied:
                         break
                     weight += cells[row, column]
                     moment += cells[row, column] * depth
                     depth += step
                 distances[ray] = moment / weight
                 break
-            if value < free_below:
+            if value < tracing.free:
                 if is_open:
                     free[ray] = distance
-            elif distance - free[ray] > unseen_gap:
+            elif distance - free[ray] > tracing.unseen_gap:
                 is_open = False
             distance += step
     return distances, free
@@ -140,11 +155,8 @@ def smooth_curves(distances, labels, shortest, sigma):
 
 def extract(local_map: LocalMap, pose: np.ndarray, params: WallParams) -> Walls:
     """The walls seen from `pose` (3,) in the odometry frame."""
-    x, y, theta = local_map.in_grid(pose)
-    distances, free = trace_rays(
-        local_map.cells, local_map.resolution, x, y, theta, local_map.reach, params.n_rays, params.occupied, params.free,
-        params.thickness, params.unseen_gap,
-    )  # fmt: skip
+    tracing = Tracing(local_map.reach, params.occupied, params.free, params.thickness, params.unseen_gap)
+    distances, free = trace_rays(local_map.grid(), local_map.in_grid(pose), params.n_rays, tracing)
     joined = join_gaps(distances, params.join_rays, params.jump)
     labels = label_curves(joined, params.jump)
     return Walls(smooth_curves(joined, labels, params.shortest, params.smoothing), free)

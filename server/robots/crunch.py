@@ -47,15 +47,15 @@ class CrunchParams(Params):
     """Everything that makes this robot this robot."""
 
     sensors: dict[str, RingParams] = Field(default_factory=crunch_sensors)
-    calibration: Calibration = Calibration()
-    track: float = Field(0.19, gt=0.0)  # m between the wheels
-    vertex_spacing: float = Field(0.5, gt=0.0)  # m of path between vertices (thesis, 2.3)
+    calibration: Calibration = Field(default_factory=Calibration)
+    track: float = Field(default=0.19, gt=0.0)  # m between the wheels
+    vertex_spacing: float = Field(default=0.5, gt=0.0)  # m of path between vertices (thesis, 2.3)
     hindsight: int = Field(
-        2, ge=0
+        default=2, ge=0
     )  # vertices driven on before a vertex's walls are taken, so that both sides were seen
-    goal_radius: float = Field(0.2, gt=0.0)  # m from the goal that count as there
-    turn_gain: float = Field(2.0, gt=0.0)  # rad/s per rad of steering
-    max_turn: float = Field(1.5, gt=0.0)  # rad/s
+    goal_radius: float = Field(default=0.2, gt=0.0)  # m from the goal that count as there
+    turn_gain: float = Field(default=2.0, gt=0.0)  # rad/s per rad of steering
+    max_turn: float = Field(default=1.5, gt=0.0)  # rad/s
     local_map: LocalMapParams = LocalMapParams()
     walls: WallParams = WallParams()
     vfh: VfhParams = VfhParams()
@@ -87,7 +87,8 @@ class Crunch:
         self.curves: list[list[np.ndarray]] = []
         self.estimate: Estimate | None = None
         self.goal: Goal | None = None
-        self.steering: float | None = None
+        self.steering: float | None = None  # bearing in the robot's frame
+        self.steered: float | None = None  # the same in the odometry frame, which the robot's turning leaves alone
         self.last_ranges: dict[str, np.ndarray] = {}
         self.balance: Balance | None = None
         self.power: Power | None = None
@@ -183,21 +184,23 @@ class Crunch:
         if offset is None or self.goal is None:
             return []
         if math.hypot(*offset) < self.params.goal_radius:
-            self.goal, self.steering = None, None
+            self.goal, self.steering, self.steered = None, None, None
             return [StopCommand()]
-        steering = self.vfh.steer(self.densities(), math.atan2(offset[1], offset[0]))
+        heading = float(self.odometry[2])
+        last = None if self.steered is None else math.remainder(self.steered - heading, 2.0 * math.pi)
+        densities = self.densities(limit=math.hypot(*offset))
+        steering = self.vfh.steer(densities, math.atan2(offset[1], offset[0]), last)
         self.steering = steering.bearing
+        self.steered = None if steering.bearing is None else steering.bearing + heading
         if steering.bearing is None:
             return [DriveCommand(0.0, 0.0)]
         limit = self.params.max_turn
         turn = max(-limit, min(limit, self.params.turn_gain * steering.bearing))
         return [DriveCommand(min(steering.speed, self.goal.speed) * max(0.0, math.cos(steering.bearing)), turn)]
 
-    def densities(self) -> np.ndarray:
-        """The polar histogram (sectors,) around the robot now."""
-        x, y, theta = self.local_map.in_grid(self.odometry)
-        grid = self.local_map.grid()
-        return self.vfh.histogram(grid, np.array([x + grid.x, y + grid.y, theta]))
+    def densities(self, limit: float = math.inf) -> np.ndarray:
+        """The polar histogram (sectors,) around the robot now, of obstacles nearer than `limit` m."""
+        return self.vfh.histogram(self.local_map.grid(), np.array(self.local_map.in_grid(self.odometry)), limit)
 
     def goal_offset(self) -> np.ndarray | None:
         """The goal (2,) in the robot's frame."""
