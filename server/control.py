@@ -168,7 +168,7 @@ class Control:
         if self.autopilot:
             self.autopilot = False
         self._halt(t)
-        return [Goal(t, None), Stop(t)]
+        return [Stop(t)]
 
     def leave(self, viewer: str, t: float) -> list[Message]:
         """A viewer gives the lease back or has gone; the robot stops if that was its driver."""
@@ -185,13 +185,12 @@ class Control:
         self._lead(viewer, t)
         if self.autopilot and not is_still:
             self.autopilot = False
-        forget = [Goal(t, None)] if self.goal and not is_still else []
         if is_still and (self.goal or self.autopilot):
             return []
         self.goal = None
         self.wish = Drive(t, _clamp(word.speed, self.params.max_speed), _clamp(word.turn, self.params.max_turn))
         self.refreshed = t
-        return [*forget, self.wish]
+        return [self.wish]
 
     def _steer(self, viewer: str, word: GoalWord, t: float) -> list[Message]:
         self._check_fresh(word.seen, t)
@@ -233,10 +232,10 @@ class Control:
             raise Refused("the picture is too old to drive by")
 
     def _halt(self, t: float) -> list[Message]:
-        """End whatever moves the robot by a person's will."""
+        """End whatever moves the robot by a person's will; a stop also makes the robot forget its goal."""
         was_moving = bool(self.goal or (self.wish and (self.wish.speed or self.wish.turn)))
         self.wish, self.goal = None, None
-        return [Goal(t, None), Stop(t)] if was_moving else []
+        return [Stop(t)] if was_moving else []
 
 
 def _clamp(value: float, limit: float) -> float:

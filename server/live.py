@@ -1,0 +1,298 @@
+"""`crunch demo` and `crunch serve`: one process, one task group; robot and page live and die together.
+
+The links, the path filter's worker, the passing of time, the recording's syncs and the web server are its members. When
+one ends, however it ends, the motors are stopped while the links are still open, and all the others end too. Uses its
+siblings `bridge` (the session itself) and `replay` (warming the kernels up).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import importlib.metadata
+import logging
+import secrets
+import signal
+import socket
+import sys
+import time
+import webbrowser
+from collections.abc import Coroutine, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from server.api import create_app
+from server.bridge import Bridge
+from server.config import Config
+from server.control import Control, ControlParams
+from server.errors import UserError
+from server.estimator import WorkerEstimator
+from server.guard import is_loopback
+from server.recording import Header, LinkName, Recorder
+from server.replay import warm_up
+from server.robots.crunch import Crunch
+from server.session import Session
+from server.transport import Link, VirtualLink, open_link
+from slam.path_filter import PathFilter
+
+log = logging.getLogger(__name__)
+
+TICK_PERIOD = 0.05  # s
+FRAME_PERIOD = 0.1  # s
+SYNC_PERIOD = 1.0  # s
+LONGEST_GOODBYE = 2  # s that viewers are given to close
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How to serve; what the robot is and does stands in the configuration."""
+
+    config: Config
+    host: str = "127.0.0.1"
+    port: int = 8000
+    seed: int = 0
+    threads: int = 1
+    recordings: Path | None = Path("recordings")
+    opens_browser: bool = False
+
+
+def run_demo(
+    options: LiveOptions,
+    autopilot: bool = False,
+    world: str = "demo",
+    plan: str = "demo",
+    drift: str = "medium",
+    speed: float = 1.0,
+) -> int:
+    """Serve a virtual robot in this process until Ctrl-C; exit code."""
+    from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
+
+    robot = virtual.VirtualCrunch(
+        virtual.load_world(world), seed=options.seed, drift=drift, plan=virtual.load_plan(plan)
+    )
+    robot.autopilot = autopilot
+    link = VirtualLink(robot, f"virtual:{world}", speed)
+    return run(options, [link], Control(ControlParams(), autopilot), robot)
+
+
+def run_serve(links: Sequence[str], options: LiveOptions) -> int:
+    """Serve the robot at the other end of the links until Ctrl-C; exit code. UserError for a link that is none."""
+    if not links:
+        raise UserError("no link given; name one, as in --link serial:/dev/ttyUSB0")
+    return run(options, [open_link(spec) for spec in links], Control(ControlParams()), None)
+
+
+def run(options: LiveOptions, links: list[Link], control: Control, virtual: Any) -> int:
+    """Serve until told to leave."""
+    with listening(options.host, options.port) as listener:
+        warm_kernels(options)
+        names = {f"link{number}": link for number, link in enumerate(links)}
+        recorder = open_recording(options, names)
+        try:
+            asyncio.run(Live(options, names, control, recorder, virtual).run(listener))
+        finally:
+            if recorder:
+                recorder.close()
+                print(f"Recorded in {recorder.path}", flush=True)
+    return 0
+
+
+class Finished(Exception):
+    """Somebody asked the session to end."""
+
+
+class Live:
+    """The one task group."""
+
+    def __init__(
+        self, options: LiveOptions, links: dict[str, Link], control: Control, recorder: Recorder | None, virtual: Any
+    ):
+        params = options.config.crunch
+        robot = Crunch(params)
+        session = Session(robot, params.calibration, recorder)
+        self.options = options
+        self.links = links
+        self.recorder = recorder
+        self.bridge = Bridge(robot, session, links, control, options.config.model_dump(mode="json"))
+        self.estimator = WorkerEstimator(
+            functools.partial(PathFilter, params.filter_params(), options.seed, options.threads),
+            self.bridge.believe,
+            params.filter.particles,
+            options.config.estimator,
+        )
+        self.bridge.estimator = self.estimator
+        self.bridge.recorder = recorder
+        self.bridge.virtual = virtual
+        if recorder:
+            self.bridge.start = recorder.start_ns * 1e-9
+        self.token = None if is_loopback(options.host) else secrets.token_urlsafe(16)
+        self.server: uvicorn.Server | None = None
+
+    async def run(self, listener: socket.socket) -> None:
+        """Live until `leave` is called or something breaks; an error of the robot or the page ends up here."""
+        self.server = make_server(create_app(self.bridge, self.token, self.bridge.dashboard))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, self.leave)
+        try:
+            async with asyncio.TaskGroup() as group:
+                # The links come last: when all are cancelled, the members before them can still say stop.
+                for work in (self.serve(listener), self.tick(), self.publish(), self.estimator.run(), self.sync()):
+                    group.create_task(self.member(work))
+                for link_id, link in self.links.items():
+                    group.create_task(link.run(functools.partial(self.bridge.receive, link_id)))
+        except* Finished:
+            log.info("the session has ended")
+        finally:
+            self.bridge.dashboard.stop()
+
+    def leave(self) -> None:
+        """Stop the robot, then let everything end in order."""
+        self.bridge.halt()
+        if self.server:
+            self.server.should_exit = True
+
+    async def member(self, work: Coroutine[Any, Any, None]) -> None:
+        """A member of the group: however it ends, the robot stands still afterwards."""
+        try:
+            await work
+        finally:
+            self.bridge.halt()
+
+    async def serve(self, listener: socket.socket) -> None:
+        """The web server; asked to leave rather than cut off, so that viewers are told."""
+        assert self.server is not None
+        serving = asyncio.ensure_future(self.server.serve([listener]))
+        try:
+            await self.announce(listener, serving)
+            await asyncio.shield(serving)
+        except asyncio.CancelledError:
+            self.server.should_exit = True
+            await serving
+            raise
+        raise Finished
+
+    async def announce(self, listener: socket.socket, serving: asyncio.Future) -> None:
+        """Say where the page is, once it is there."""
+        assert self.server is not None
+        while not self.server.started and not serving.done():
+            await asyncio.sleep(0.02)
+        address = page_address(self.options.host, listener.getsockname()[1], self.token)
+        print(f"Crunch's page: {address}   (Ctrl-C ends)", flush=True)
+        if self.options.opens_browser:
+            await asyncio.to_thread(webbrowser.open, address)
+
+    async def tick(self) -> None:
+        """The driver's lease."""
+        while True:
+            self.bridge.tick()
+            await asyncio.sleep(TICK_PERIOD)
+
+    async def publish(self) -> None:
+        """The viewers' frames."""
+        while True:
+            self.bridge.publish()
+            await asyncio.sleep(FRAME_PERIOD)
+
+    async def sync(self) -> None:
+        """The recording onto the disk, off the loop."""
+        while True:
+            await asyncio.sleep(SYNC_PERIOD)
+            if self.recorder:
+                await asyncio.to_thread(self.recorder.sync)
+
+
+class PageServer(uvicorn.Server):
+    """uvicorn without its own signal handling: the task group has one for all."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave the signals alone."""
+        yield
+
+
+def make_server(app: Any) -> PageServer:
+    """uvicorn for the application, on a socket that is already open."""
+    return PageServer(
+        uvicorn.Config(
+            app,
+            lifespan="off",
+            log_config=None,
+            access_log=False,
+            ws_max_size=1 << 16,
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=LONGEST_GOODBYE,
+            server_header=False,
+        )
+    )
+
+
+@contextlib.contextmanager
+def listening(host: str, port: int) -> Iterator[socket.socket]:
+    """An open socket on an address; UserError if it cannot be had."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise UserError(
+            f"--host {host}: {error.strerror or error}; use 127.0.0.1 or an address of this machine"
+        ) from None
+    with listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(address)
+            listener.listen(128)
+        except OSError as error:
+            remedy = "choose another with --port, or --port 0 for any free one"
+            raise UserError(f"port {port} on {host} cannot be used ({error.strerror}); {remedy}") from None
+        yield listener
+
+
+def page_address(host: str, port: int, token: str | None) -> str:
+    """What to open in a browser."""
+    if host in ("0.0.0.0", "::"):
+        host = socket.gethostname()
+    name = f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+
+
+def warm_kernels(options: LiveOptions) -> None:
+    """Compile the kernels before anybody waits for the loop; on the first start this takes a while."""
+    print("Preparing (the first start compiles for about a minute) ...", file=sys.stderr, flush=True)
+    started = time.perf_counter()
+    warm_up(options.config.crunch, 1)
+    Crunch(options.config.crunch).snapshot()
+    log.info("kernels were ready after %.1f s", time.perf_counter() - started)
+
+
+def open_recording(options: LiveOptions, links: dict[str, Link]) -> Recorder | None:
+    """A new recording in the folder for them, named by the date."""
+    if options.recordings is None:
+        return None
+    header = Header(
+        robot="crunch",
+        links=tuple(LinkName(id=link_id, spec=link.spec) for link_id, link in links.items()),
+        unix_ns=time.time_ns(),
+        monotonic_ns=time.monotonic_ns(),
+        configuration=options.config.model_dump(mode="json"),
+        software={"crunch": importlib.metadata.version("crunch")},
+    )
+    try:
+        options.recordings.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{options.recordings}: cannot be made ({error.strerror}); name another with --recordings"
+        ) from None
+    return Recorder(free_name(options.recordings), header)
+
+
+def free_name(folder: Path) -> Path:
+    """run-DATE-TIME.rlog, with a number behind it if two sessions start in one second."""
+    stem = time.strftime("run-%Y%m%d-%H%M%S")
+    path, number = folder / f"{stem}.rlog", 2
+    while path.exists():
+        path, number = folder / f"{stem}-{number}.rlog", number + 1
+    return path
