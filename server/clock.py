@@ -152,7 +152,7 @@ class BoardClock:
         """Where a sample older than the newest lies between its neighbours."""
         place = bisect_left(self.anchors, ticks, key=lambda anchor: anchor[0])
         after_ticks, after_host = self.anchors[place]
-        if place == 0:  # older than any sample can be: a board that has booted and not yet said so
+        if place == 0 or ticks == after_ticks:  # place 0: a board that has booted and not yet said so
             return after_host
         before_ticks, before_host = self.anchors[place - 1]
         return before_host + (after_host - before_host) * (ticks - before_ticks) / (after_ticks - before_ticks)
