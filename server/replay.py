@@ -127,6 +127,8 @@ def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: 
         if isinstance(message, (Odometry, Wheels)):
             times.append(message.t)
             poses.append(robot.odometry)
+            if len(robot.vertices) > len(rows):  # its keyframe comes later, when both sides of it were seen
+                rows.append(len(times) - 1)
             if progress and len(times) % PROGRESS_STEP == 0:
                 progress(len(times))
         elif isinstance(message, Ranges):
@@ -134,8 +136,10 @@ def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: 
         for effect in effects:
             if isinstance(effect, Keyframe):
                 keyframes.append(effect)
-                rows.append(len(times) - 1)
                 extend(effect)
+    for effect in robot.finish():
+        keyframes.append(effect)
+        extend(effect)
     check_complete(log, bool(times), has_ranges, bool(keyframes))
     return Drive(np.array(times), np.array(poses), keyframes, np.array(rows))
 
@@ -152,7 +156,8 @@ def check_complete(log: Log, has_odometry: bool, has_ranges: bool, has_vertices:
 
 def warm_up(params: CrunchParams, threads: int) -> None:
     """Compile or load every kernel that a run needs, so that its time is the run's own."""
-    small = params.filter.model_copy(update={"particles": 8 * threads, "gap": 1, "threshold": 1.0})
+    near = params.filter.comparison.model_copy(update={"gap": 1})
+    small = params.filter.model_copy(update={"particles": 8 * threads, "comparison": near, "threshold": 1.0})
     robot = Crunch(params.model_copy(update={"filter": small}))
     path_filter = PathFilter(robot.params.filter_params(), 0, threads)
     for step in range(8):  # there and back again, so that vertices meet

@@ -160,7 +160,7 @@ class Crunch:
         self.curves.append(curves(walls, self.params.walls.jump))
         return Keyframe(t, index, pose, walls, travelled)
 
-    def finish(self) -> list[Effect]:
+    def finish(self) -> list[Keyframe]:
         """The log or the session ends here: hand over the vertices that still wait."""
         return [self.observe() for _ in range(len(self.pending))]
 
