@@ -1,4 +1,5 @@
 import random
+from itertools import pairwise
 
 import pytest
 
@@ -53,7 +54,7 @@ def test_steps_between_frames_are_kept_while_arrivals_come_in_bursts():
     for start in range(0, len(times), 10):  # a radio that sends ten frames at once
         arrival = times[min(start + 9, len(times) - 1)] + 0.01
         hosts += [clock.to_host(board.uptime_ms(t) % 65536, arrival) for t in times[start : start + 10]]
-    steps = [b - a for a, b in zip(hosts, hosts[1:], strict=False)]
+    steps = [b - a for a, b in pairwise(hosts)]
     assert all(0.018 < step < 0.022 for step in steps[500:])
 
 
