@@ -215,7 +215,7 @@ class Control:
         self._lead(viewer, t)
         halted = self._halt(t)
         self.autopilot = on
-        return halted
+        return [*halted, Arm(t, True)] if on else [*halted, Stop(t)]
 
     def _lead(self, viewer: str, t: float) -> None:
         """Make the viewer the driver if nobody else is, or the driver has long been silent."""

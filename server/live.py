@@ -18,10 +18,10 @@ import socket
 import sys
 import time
 import webbrowser
-from collections.abc import Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import uvicorn
 
@@ -65,32 +65,35 @@ def run_demo(
     autopilot: bool = False,
     world: str = "demo",
     plan: str = "demo",
-    drift: str = "medium",
+    drift: Literal["none", "low", "medium", "high"] = "medium",
     speed: float = 1.0,
 ) -> int:
     """Serve a virtual robot in this process until Ctrl-C; exit code."""
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
 
-    robot = virtual.VirtualCrunch(
-        virtual.load_world(world), seed=options.seed, drift=drift, plan=virtual.load_plan(plan)
-    )
+    try:
+        place, route = virtual.load_world(world), virtual.load_plan(plan)
+        robot = virtual.VirtualCrunch(place, seed=options.seed, drift=drift, plan=route)
+    except (virtual.WorldError, virtual.PlanError, virtual.CompilerError) as error:
+        raise UserError(str(error)) from None
     robot.autopilot = autopilot
-    link = VirtualLink(robot, f"virtual:{world}", speed)
-    return run(options, [link], Control(ControlParams(), autopilot), robot)
+    control = Control(ControlParams(), autopilot)
+    return run(options, lambda: [VirtualLink(robot, f"virtual:{world}", speed)], control, robot)
 
 
 def run_serve(links: Sequence[str], options: LiveOptions) -> int:
     """Serve the robot at the other end of the links until Ctrl-C; exit code. UserError for a link that is none."""
     if not links:
         raise UserError("no link given; name one, as in --link serial:/dev/ttyUSB0")
-    return run(options, [open_link(spec) for spec in links], Control(ControlParams()), None)
+    opened = [open_link(spec) for spec in links]
+    return run(options, lambda: opened, Control(ControlParams()), None)
 
 
-def run(options: LiveOptions, links: list[Link], control: Control, virtual: Any) -> int:
+def run(options: LiveOptions, make_links: Callable[[], list[Link]], control: Control, virtual: Any) -> int:
     """Serve until told to leave."""
     with listening(options.host, options.port) as listener:
         warm_kernels(options)
-        names = {f"link{number}": link for number, link in enumerate(links)}
+        names = {f"link{number}": link for number, link in enumerate(make_links())}
         recorder = open_recording(options, names)
         try:
             asyncio.run(Live(options, names, control, recorder, virtual).run(listener))
@@ -276,7 +279,7 @@ def open_recording(options: LiveOptions, links: dict[str, Link]) -> Recorder | N
         robot="crunch",
         links=tuple(LinkName(id=link_id, spec=link.spec) for link_id, link in links.items()),
         unix_ns=time.time_ns(),
-        monotonic_ns=time.monotonic_ns(),
+        monotonic_ns=round(next(iter(links.values())).now() * 1e9),
         configuration=options.config.model_dump(mode="json"),
         software={"crunch": importlib.metadata.version("crunch")},
     )
