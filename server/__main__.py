@@ -146,11 +146,11 @@ def simulate(
         if world or plan:
             raise UserError("--from-log makes its own world and plan; leave out --world and --plan")
         semireal = Semireal(robot, from_log, reference, seed, out, duration)
-        with progress_bar(out.name, None, False) as progress:
+        with progress_bar(out.name, 100, False) as progress:
             summary = simulate_semireal(semireal, settings, progress)
     else:
-        simulation = Simulation(robot, world or "demo", plan or world or "demo", seed, out, drift, duration)
-        with progress_bar(out.name, None, False) as progress:
+        simulation = Simulation(robot, world, plan or world or "demo", seed, out, drift, duration)
+        with progress_bar(out.name, 100, False) as progress:
             summary = simulate_drive(simulation, settings, progress)
     typer.echo(f"{out}: {summary}")
 

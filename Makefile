@@ -1,0 +1,57 @@
+# Every target sets up what it needs, on a fresh Debian, Ubuntu or macOS machine with Python 3.11+ and a C compiler.
+
+PYTHON := .venv/bin/python
+CRUNCH := .venv/bin/crunch
+WORKERS ?= auto
+PORT ?= 8000
+UPGRADE ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench setup format lock config clean
+
+help: ## This list
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: ## A virtual robot drives by itself, and its map grows in the browser
+	@.ci/setup run
+	$(CRUNCH) demo --autopilot --port $(PORT)
+
+test: ## The whole suite; the kernels' tests once more with bounds checks
+	@.ci/setup test
+	NUMBA_BOUNDSCHECK=1 $(PYTHON) -m pytest -q -n $(WORKERS) tests/slam
+	$(PYTHON) -m pytest -n $(WORKERS)
+
+check: ## Formatting, lint, types, and that the documents tell the truth
+	@.ci/setup test
+	.venv/bin/ruff format --check .
+	.venv/bin/ruff check .
+	.venv/bin/pyright
+	$(PYTHON) docs/check.py
+
+bench: ## The figures of the README, made again (long)
+	@.ci/setup test
+	$(PYTHON) -m bench
+
+setup: ## Everything that the other targets need, tests included
+	@.ci/setup test
+
+format: ## Format the sources
+	@.ci/setup test
+	.venv/bin/ruff check --fix .
+	.venv/bin/ruff format .
+
+LOCK = $(PYTHON) -m uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header \
+	--no-emit-index-url --no-emit-find-links --no-annotate $(UPGRADE) --extra build pyproject.toml
+
+lock: ## Choose the versions of all dependencies again; UPGRADE=--upgrade takes the newest
+	@.ci/setup test
+	$(LOCK) -o requirements.lock
+	$(LOCK) --extra dev -c requirements.lock -o requirements-dev.lock
+
+config: ## Write config.toml again from the defaults in the code
+	@.ci/setup run
+	$(PYTHON) docs/config.py > config.toml
+
+clean: ## Remove what was built here
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,179 @@
+"""Recordings of the virtual robot, made as fast as the machine can, each with the truth beside it.
+
+The virtual robot is met through its bytes alone: what it sends goes into an ordinary recording, to be replayed like any
+other. Its own true poses become `LOG.truth.tum`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware.virtual import (
+    DRIFTS,
+    CompilerError,
+    Plan,
+    VirtualCrunch,
+    World,
+    load_plan,
+    load_world,
+)
+from firmware.virtual.scripted import ScriptedCrunch
+from server.config import Config
+from server.errors import UserError
+from server.formats.atomic import make_directory
+from server.formats.carmen import CarmenLog, read_carmen
+from server.formats.errors import FormatError
+from server.formats.tum import read_tum, write_tum
+from server.maps import path_length
+from server.recording import Header, Kind, LinkName, Recorder
+from server.report import version
+from slam.pose import compose
+from slam.timeline import associate
+
+CHUNK = 0.02  # s of simulated time between two reads of the link
+REST = 1.0  # s recorded after the plan's end
+PATIENCE = 3.0  # times as long as the plan's length and pauses ask for, before a stuck robot is given up
+SCAN_TOLERANCE = 1e-3  # s between a scan and its reference pose
+SCAN_REACH = 8.0  # m of a laser that draw the world; farther hits are smeared by small errors of heading
+LINK = "virtual"
+
+Progress = Callable[[int], None]
+Robot = VirtualCrunch | ScriptedCrunch
+
+
+class Simulation(NamedTuple):
+    """A drive by plan in a world, both by built-in name or file."""
+
+    robot: str
+    world: str | None
+    plan: str
+    seed: int
+    out: Path
+    drift: str = "medium"
+    duration: float | None = None
+
+
+class Semireal(NamedTuple):
+    """A reference path driven through the walls that a log's laser saw, with the log's own odometry."""
+
+    robot: str
+    log: Path
+    reference: Path
+    seed: int
+    out: Path
+    duration: float | None = None
+
+
+def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
+    """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
+    if simulation.drift not in DRIFTS:
+        raise UserError(f"drift `{simulation.drift}` is unknown; choose {', '.join(DRIFTS)}")
+    with mendable():
+        plan = load_plan(simulation.plan)
+        world = load_world(simulation.world or plan.world or simulation.plan)
+        robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan)  # pyright: ignore
+    longest = simulation.duration or allowance(plan)
+    end = record(robot, simulation.robot, simulation.out, settings, longest, progress)
+    warning = ""
+    if not robot.finished and simulation.duration is None:
+        warning = f"; the plan was not finished, the robot is {robot.state}"
+    return describe(robot, end) + warning
+
+
+def simulate_semireal(semireal: Semireal, settings: Config, progress: Progress | None = None) -> str:
+    """Record a reference drive; one line about it. UserError where the log and the reference do not fit."""
+    log = read_carmen(semireal.log)
+    reference_times, reference = read_tum(semireal.reference)
+    with mendable():
+        robot = scripted(log, reference_times, reference, semireal.seed, semireal.reference)
+    longest = min(robot.duration, semireal.duration or robot.duration)
+    end = record(robot, semireal.robot, semireal.out, settings, longest, progress)
+    return describe(robot, end)
+
+
+def scripted(
+    log: CarmenLog, reference_times: np.ndarray, reference: np.ndarray, seed: int, path: Path
+) -> ScriptedCrunch:
+    """The virtual robot that repeats a log's drive, clipped to the span of the reference."""
+    matches = associate(reference_times, log.scan_times, 0.0, SCAN_TOLERANCE)
+    if len(matches.rows) < 2:
+        raise FormatError(
+            path, None, f"has {len(matches.rows)} poses at times of the log's scans", "both must share a clock"
+        )
+    poses = compose(reference[matches.rows], log.mount)
+    world = World.from_scans(poses, log.scans[matches.reference_rows], log.bearings, SCAN_REACH)
+    return ScriptedCrunch(world, reference_times, reference, log.odometry_times, log.odometry, seed)
+
+
+def allowance(plan: Plan) -> float:
+    """Seconds in which the plan must be driven."""
+    lengths = np.hypot(*np.diff(plan.points, axis=0).T)
+    return PATIENCE * float(np.sum(lengths / plan.speeds[1:]) + np.sum(plan.pauses)) + 10.0
+
+
+def record(robot: Robot, name: str, out: Path, settings: Config, longest: float, progress: Progress | None) -> float:
+    """Let the robot run and write what it sends and where it was; returns the simulated seconds."""
+    header = Header(
+        robot=name,
+        links=(LinkName(id=LINK, spec="virtual:"),),
+        unix_ns=0,  # simulated time begins at zero, so that the same seed makes the same file
+        monotonic_ns=0,
+        configuration=settings.model_dump(exclude_defaults=True),
+        software={"crunch": version()},
+    )
+    make_directory(out.parent)
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
+        recorder = Recorder(Path(folder) / out.name, header)
+        end = run(robot, recorder, longest, progress)
+        recorder.close()
+        if recorder.failed:
+            raise UserError(
+                f"{out}: {recorder.failed} records were not written ({recorder.error}); make room on the disk"
+            )
+        place(Path(folder) / out.name, out)
+    write_tum(out.with_name(out.name + ".truth.tum"), *robot.truth())
+    return end
+
+
+def run(robot: Robot, recorder: Recorder, longest: float, progress: Progress | None) -> float:
+    """Advance until the plan's end and a rest, or for the longest time allowed."""
+    last = longest
+    while robot.time < last - 1e-9:
+        data = robot.advance(CHUNK)
+        if data:
+            recorder.append(Kind.RX, LINK, data, robot.time)
+        if isinstance(robot, VirtualCrunch) and robot.finished:
+            last = min(last, robot.time + REST) if last == longest else last
+        if progress:
+            progress(round(100.0 * robot.time / longest))
+    return robot.time
+
+
+def place(written: Path, out: Path) -> None:
+    """Rename a finished recording to where it belongs."""
+    try:
+        os.replace(written, out)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be written ({error.strerror}); choose another place") from None
+
+
+def describe(robot: Robot, end: float) -> str:
+    """What was recorded."""
+    _, poses = robot.truth()
+    return f"{end:.1f} s, {path_length(poses):.1f} m, {len(poses)} true poses beside it"
+
+
+@contextlib.contextmanager
+def mendable() -> Iterator[None]:
+    """What the virtual robot cannot use is the caller's to mend."""
+    try:
+        yield
+    except (ValueError, CompilerError) as error:  # WorldError and PlanError are ValueErrors
+        raise UserError(str(error)) from None
