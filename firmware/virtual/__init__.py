@@ -5,6 +5,8 @@ from firmware.virtual.native import CompilerError
 from firmware.virtual.plans import Plan, PlanError, load_plan
 from firmware.virtual.radio import Radio
 from firmware.virtual.robot import DRIFTS, Drift, VirtualCrunch
+from firmware.virtual.routes import route, tour
+from firmware.virtual.scripted import ScriptedCrunch
 from firmware.virtual.worlds import World, WorldError, load_world
 
 __all__ = [
@@ -14,6 +16,7 @@ __all__ = [
     "Plan",
     "PlanError",
     "Radio",
+    "ScriptedCrunch",
     "VirtualCrunch",
     "World",
     "WorldError",
@@ -21,4 +24,6 @@ __all__ = [
     "corridor_plan",
     "load_plan",
     "load_world",
+    "route",
+    "tour",
 ]

@@ -1,4 +1,4 @@
-"""A seeded corridor cycle, the shape of the thesis's Figure 5: a rectangle of corridors with doors, pillars and alcoves."""
+"""A seeded corridor cycle, the shape of the thesis's Figure 5: a rectangle with doors, pillars and alcoves."""
 
 from __future__ import annotations
 

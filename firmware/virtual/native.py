@@ -1,8 +1,8 @@
 """The firmware's own C and the simulator's, compiled for this machine on first use and loaded through cffi (ABI mode).
 
-The C headers are the one source of every structure: the compiler's preprocessor flattens them and cffi reads the result,
-so nothing is declared twice. Library and declarations are kept in the user's cache directory under a hash of all sources
-and flags; a changed line makes a new pair, and processes that build at the same time cannot disturb each other.
+The C headers are the one source of every structure: the compiler's preprocessor flattens them and cffi reads the
+result, so nothing is declared twice. Library and declarations are kept in the user's cache directory under a hash of
+all sources and flags; a changed line makes a new pair, and processes that build at once cannot disturb each other.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ class Leg:
 def legs_of(plan: Plan) -> list[Leg]:
     """The plan's legs; points on top of each other make none, but keep their pause."""
     legs: list[Leg] = []
-    for a, b, speed, pause in zip(plan.points, plan.points[1:], plan.speeds[1:], plan.pauses[1:], strict=False):
+    for a, b, speed, pause in zip(plan.points[:-1], plan.points[1:], plan.speeds[1:], plan.pauses[1:], strict=True):
         length = math.hypot(b[0] - a[0], b[1] - a[1])
         if length > 1e-6:
             dx, dy = float(b[0] - a[0]) / length, float(b[1] - a[1]) / length
@@ -207,7 +207,7 @@ class Driver:
         return speed, speed * curvature
 
     def rejoin(self, x: float, y: float, window: float = 15.0) -> None:
-        """Goes on from the nearest point of the way between here and `window` metres ahead, after somebody else drove."""
+        """Goes on from the nearest point of the way at most `window` metres ahead, after somebody else drove."""
         best, reach, start = math.inf, 0.0, self.index
         for index in range(start, len(self.legs)):
             leg = self.legs[index]

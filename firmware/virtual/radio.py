@@ -1,7 +1,7 @@
 """The radio between robot and host: a half-duplex line of 38,400 baud that packs, delays, loses and corrupts.
 
-Modelled on a 900 MHz modem of the robot's time: it gathers bytes into chunks of at most 64, sends one chunk at a time in
-either direction, drops whole chunks by its own checksum, and now and then lets a flipped bit through.
+Modelled on a 900 MHz modem of the robot's time: it gathers bytes into chunks of at most 64, sends one chunk at a time
+in either direction, drops whole chunks by its own checksum, and now and then lets a flipped bit through.
 """
 
 from __future__ import annotations

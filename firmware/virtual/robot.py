@@ -119,8 +119,8 @@ class VirtualCrunch(Crunch):
 
     It starts at `start`, at the plan's first waypoint or at the world's start, armed and upright: a hand holds it while
     the drive board learns its gyro and arms, then time begins. With `armed=False` the hand goes on holding it until a
-    command arms it. With a plan it drives by itself while `autopilot` is true; a valid drive command from the host takes
-    over for 3 s, a stop until the host drives or arms again. `drift` names a level of slip between wheels and floor.
+    command arms it. With a plan it drives by itself while `autopilot` is true; a valid drive command from the host
+    takes over for 3 s, a stop until the host drives or arms again. `drift` names how wheels and floor differ.
     """
 
     def __init__(

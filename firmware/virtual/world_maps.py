@@ -15,6 +15,8 @@ from PIL import Image, UnidentifiedImageError
 
 from firmware.virtual.worlds import World, WorldError
 
+MAGIC = b"CARMENMAPFILE"
+MAX_COMMENTS = 65536  # lines of text may stand before the magic
 GRID_CHUNK = b"GRIDMAP"
 GRID_HEADER = struct.Struct("<iif")  # size x, size y, resolution
 MAX_CELLS = 100_000_000
@@ -33,13 +35,14 @@ class Floor(NamedTuple):
 def load_carmen(path: Path) -> World:
     """World of a CARMEN map: float32 probabilities, column-major, negative is unknown. Raises WorldError."""
     data = path.read_bytes()
-    if not data.startswith(b"CARMENMAPFILE"):
-        raise WorldError(f"{path}: byte 0: not a CARMEN map (no CARMENMAPFILE); other formats need their own ending")
-    at = data.find(GRID_CHUNK, 13)
+    magic = data.find(MAGIC, 0, MAX_COMMENTS)
+    if magic < 0:
+        raise WorldError(f"{path}: byte 0: not a CARMEN map (no {MAGIC.decode()}); other formats need their own ending")
+    at = data.find(GRID_CHUNK, magic)
     if at < 0 or len(data) < at + 10 + GRID_HEADER.size:
         raise WorldError(f"{path}: no GRIDMAP chunk in it; export the map again with its grid")
     columns, rows, resolution = GRID_HEADER.unpack_from(data, at + 10)
-    if not (0 < columns and 0 < rows and columns * rows <= MAX_CELLS and 0.0 < resolution < 10.0):
+    if min(columns, rows) < 1 or columns * rows > MAX_CELLS or not 0.0 < resolution < 10.0:
         raise WorldError(
             f"{path}: byte {at + 10}: grid of {columns} x {rows} cells of {resolution} m; the file is damaged"
         )
@@ -102,7 +105,7 @@ def load_ros(path: Path) -> World:
 
 
 def world_of_floor(floor: Floor, name: str) -> World:
-    """World of a grid, started at its roomiest known place."""
+    """World of a grid, started at a roomy known place indoors."""
     if not np.any(floor.walls > 0.5):
         raise WorldError(f"{name}: no wall cell in the whole map; is it the right layer, or negated?")
     world = World.from_grid(floor.walls, floor.resolution, floor.x, floor.y, name)
@@ -116,10 +119,10 @@ def world_of_floor(floor: Floor, name: str) -> World:
     return world
 
 
-def roomiest(world: World, reach: float = 3.0) -> np.ndarray:
-    """Of the free cells with most room around them the one nearest to the middle of all."""
+def roomiest(world: World, reach: float = 1.0) -> np.ndarray:
+    """A place indoors: of the known free cells most enclosed by walls, with room, the one nearest to their middle."""
     assert world.free is not None
     cells = world.free[:: max(1, len(world.free) // 20000)]
-    room = np.minimum(world.clearances(cells, reach), reach)
-    candidates = cells[room >= 0.7 * room.max()]
-    return candidates[np.argmin(np.hypot(*(candidates - cells.mean(axis=0)).T))]
+    score = world.enclosure(cells) + np.minimum(world.clearances(cells, reach), reach) / reach
+    candidates = cells[score >= 0.9 * score.max()]
+    return candidates[np.argmin(np.hypot(*(candidates - candidates.mean(axis=0)).T))]

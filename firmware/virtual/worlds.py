@@ -1,11 +1,12 @@
-"""Worlds: walls as line segments on the floor, and where the robot starts. Reads TOML; other formats become segments too.
+"""Worlds: walls as line segments on the floor, and where the robot starts. Reads TOML; grids become segments too.
 
-`load_world` takes the name of a built-in world or a path: `.toml` (walls, rectangles, segments), `.map` (CARMEN grid) or
-`.yaml` (ROS map_server). Metres, x right, y up.
+`load_world` takes the name of a built-in world or a path: `.toml` (walls, rectangles, segments), `.map` (CARMEN grid)
+or `.yaml` (ROS map_server). Metres, x right, y up.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import tomllib
 from functools import cached_property
@@ -64,7 +65,10 @@ class World:
     def from_scans(
         cls, poses: np.ndarray, ranges: np.ndarray, bearings: np.ndarray, max_range: float, resolution: float = 0.05
     ) -> World:
-        """World drawn from laser scans: poses (n, 3), ranges (n, b) at bearings (b,); ranges beyond max_range say nothing."""
+        """World drawn from laser scans: poses (n, 3), ranges (n, b) at bearings (b,).
+
+        Ranges at or beyond `max_range` say nothing.
+        """
         from firmware.virtual.scans import world_of_scans
 
         return world_of_scans(poses, ranges, bearings, max_range, resolution)
@@ -98,6 +102,11 @@ class World:
             self.caster, ffi.cast(double, rays.ctypes.data), ranges.size, reach, ffi.cast(double, ranges.ctypes.data)
         )
         return ranges
+
+    def enclosure(self, points: np.ndarray, reach: float = 6.0, rays: int = 16) -> np.ndarray:
+        """Share (n,) of directions in which each point (n, 2) sees a wall within `reach`: 1 indoors, 0 in the open."""
+        bearings = np.arange(rays) * (2.0 * math.pi / rays)
+        return np.mean(np.isfinite(self.cast(points[:, :1], points[:, 1:2], bearings, reach)), axis=1)
 
     def clearances(self, points: np.ndarray, reach: float) -> np.ndarray:
         """Distance (n,) of each point (n, 2) from the nearest wall, inf beyond `reach`."""
@@ -172,7 +181,7 @@ def load_toml(path: Path) -> World:
         if not isinstance(wall, list) or len(wall) < 2:
             raise WorldError(f"{place}: needs at least two points [x, y], found {wall!r}")
         points = [numbers(point, 2, f"{place}[{k}]", WorldError) for k, point in enumerate(wall)]
-        segments += [[*a, *b] for a, b in zip(points, points[1:], strict=False)]
+        segments += [[*a, *b] for a, b in itertools.pairwise(points)]
     for i, item in enumerate(table.get("rectangles", [])):
         x1, y1, x2, y2 = numbers(item, 4, f"{path}: rectangles[{i}]", WorldError)
         segments += [[x1, y1, x2, y1], [x2, y1, x2, y2], [x2, y2, x1, y2], [x1, y2, x1, y1]]
