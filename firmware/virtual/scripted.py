@@ -14,6 +14,8 @@ from firmware.virtual.robot import STEP_MS, Crunch
 from firmware.virtual.worlds import World
 
 TRACK = 0.19  # m, as BODY_TRACK
+TURN_SHARE = 0.2  # m per rad
+TIME_SHARE = 0.1  # m per s
 STRAIGHT = 1e-6  # rad of turn below which an arc is a line
 
 
@@ -23,14 +25,20 @@ def wrap(angles: np.ndarray) -> np.ndarray:
 
 
 def ordered(times: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows whose times rise strictly: clocks that step back are held, and of equal times the last row counts."""
-    times = np.maximum.accumulate(np.asarray(times, float))
+    """Rows in file order with times that rise strictly; of equal times the last row counts.
+
+    A clock that steps back is met half-way: between the latest time so far and the earliest still to come.
+    """
+    times = np.asarray(times, float)
+    latest = np.maximum.accumulate(times)
+    earliest = np.minimum.accumulate(times[::-1])[::-1]
+    times = 0.5 * (latest + earliest)
     is_last = np.append(np.diff(times) > 0.0, True)
     return times[is_last], np.asarray(poses, float)[is_last]
 
 
 def arcs(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Signed arc length and turn (n-1,) between successive poses (n, 3); sideways motion is lost, as wheels have none."""
+    """Signed arc length and turn (n-1,) between successive poses (n, 3); sideways motion is lost: wheels have none."""
     step = np.diff(poses[:, :2], axis=0)
     turn = wrap(np.diff(poses[:, 2]))
     middle = poses[:-1, 2] + 0.5 * turn
@@ -64,6 +72,12 @@ def carried(reference: np.ndarray, anchor: np.ndarray, poses: np.ndarray) -> np.
     return np.column_stack([x, y, reference[:, 2] + poses[:, 2] - anchor[:, 2]])
 
 
+def progress_of(times: np.ndarray, odometry: np.ndarray) -> np.ndarray:
+    """What a correction is spread along (n,): distance, with a little of turning and of time for when it stands."""
+    steps = np.hypot(*np.diff(odometry[:, :2], axis=0).T) + TURN_SHARE * np.abs(np.diff(odometry[:, 2]))
+    return np.concatenate([[0.0], np.cumsum(steps)]) + TIME_SHARE * times
+
+
 def filled_in(times: np.ndarray, references: np.ndarray, wanted: np.ndarray, odometry: np.ndarray) -> np.ndarray:
     """Poses (m, 3) at `wanted` between sparse references (n, 3): odometry's shape, the correction spread along it.
 
@@ -72,10 +86,9 @@ def filled_in(times: np.ndarray, references: np.ndarray, wanted: np.ndarray, odo
     nodes = np.searchsorted(wanted, times).clip(0, len(wanted) - 1)
     anchors = odometry[nodes]
     row = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(odometry[:, :2], axis=0).T))])
-    span = travelled[nodes[row + 1]] - travelled[nodes[row]]
-    by_time = (wanted - times[row]) / (times[row + 1] - times[row])
-    share = np.where(span > 1e-3, (travelled - travelled[nodes[row]]) / np.maximum(span, 1e-3), by_time).clip(0.0, 1.0)
+    progress = progress_of(wanted, odometry)
+    share = (progress - progress[nodes[row]]) / np.maximum(progress[nodes[row + 1]] - progress[nodes[row]], 1e-9)
+    share = np.clip(share, 0.0, 1.0)
     forward = carried(references[row], anchors[row], odometry)
     backward = carried(references[row + 1], anchors[row + 1], odometry)
     heading = forward[:, 2] + share * wrap(backward[:, 2] - forward[:, 2])
