@@ -144,9 +144,9 @@ def whole_nanoseconds(t: float) -> float:
     return round(t * 1e9) / 1e9
 
 
-def command_of(mark: dict) -> Drive | Goal | Stop | Arm | None:
+def command_of(mark: bytes) -> Drive | Goal | Stop | Arm | None:
     """The person's command that a mark of a recording tells of, or None if it tells of something else."""
-    fields = dict(mark)
+    fields = json.loads(mark)
     kind = COMMANDS.get(fields.pop("command", ""))
     if kind is None:
         return None

@@ -12,7 +12,7 @@ import contextlib
 import socket
 import time
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 from urllib.parse import parse_qsl, urlsplit
 
 import serial_asyncio_fast
@@ -26,6 +26,7 @@ MAX_WAITING = 512  # bytes kept for a slow line (0.13 s at 38400 baud); a comman
 CONNECT_SECONDS = 5.0
 CLOSE_SECONDS = 0.5
 TICK = 0.01  # s between two steps of the virtual robot
+MAX_SPEED = 100.0
 LONGEST_STEP = 1.0  # s that it catches up at most after this process slept
 
 Receive = Callable[[bytes, float], None]
@@ -299,15 +300,20 @@ def tcp_link(spec: str, backoff: Backoff) -> StreamLink:
 
 
 def virtual_link(spec: str, rest: str) -> VirtualLink:
-    """`virtual:`, or `virtual:WORLD?seed=1&speed=2&drift=low`; WORLD is a file or a built-in world's name."""
-    world, settings = options(spec, rest, ("seed", "speed", "drift"))
+    """`virtual:`, or `virtual:WORLD?plan=PLAN&seed=1&speed=2&drift=low`; both names are a file's or a built-in one's."""
+    world, settings = options(spec, rest, ("plan", "seed", "speed", "drift"))
     try:
         seed, speed = int(settings.get("seed", "0")), float(settings.get("speed", "1"))
     except ValueError:
         raise malformed(spec, "needs numbers for seed and speed") from None
-    if not 0.0 < speed <= 1000.0:
-        raise malformed(spec, "needs a speed above 0, up to 1000")
+    if not 0.0 < speed <= MAX_SPEED:
+        raise malformed(spec, f"needs a speed above 0, up to {MAX_SPEED:.0f}")
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
 
-    robot = virtual.VirtualCrunch(virtual.load_world(world or "demo"), seed=seed, drift=settings.get("drift", "medium"))
+    try:
+        plan = virtual.load_plan(settings["plan"]) if "plan" in settings else None
+        drift = cast(virtual.Drift, settings.get("drift", "medium"))
+        robot = virtual.VirtualCrunch(virtual.load_world(world or "demo"), seed=seed, drift=drift, plan=plan)
+    except (ValueError, virtual.CompilerError) as error:
+        raise LinkError(f"link {spec!r}: {error}") from None
     return VirtualLink(robot, spec, speed)
