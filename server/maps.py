@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 MAP_FORMAT = "crunch-map-1"
 RESOLUTION = 0.05  # m per cell
+TRAIL_POINTS = 20_000  # of a drawn trajectory
 MARGIN = 0.5  # m of unknown around what was seen
 OCCUPIED_SHARE = (
     0.25  # of the vertices that looked at a cell and saw a wall in it; paths are never exact, walls are thin
@@ -34,12 +35,16 @@ START_TINT, END_TINT = "#2f9e5b", "#c8343f"
 
 
 class FloorMap(NamedTuple):
-    """What is drawn and stored: `path` (n, 3), `walls` curves (k, 2) in the world; the first `settled` vertices."""
+    """What is drawn and stored: `path` (n, 3), `walls` curves (k, 2) in the world, how many first vertices are settled.
+
+    Where there is a `trail`, two arrays (k, 3) of poses, settled and open, it is drawn instead of the path's chords.
+    """
 
     path: np.ndarray
     walls: list[np.ndarray]
     settled: int = 0
     grid: OccupancyMap | None = None
+    trail: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def floor_map(path: np.ndarray, walls: list[Walls], fixed_depth: int = 0, resolution: float = RESOLUTION) -> FloorMap:
@@ -178,14 +183,22 @@ def draw_floor(axes: Axes, floor: FloorMap) -> None:
 
 def draw_path(axes: Axes, floor: FloorMap) -> None:
     """The path in two colours, a dot at its start and an arrow at its end."""
-    path, settled = floor.path, floor.settled
-    if not len(path):
+    if not len(floor.path):
         return
-    axes.plot(path[:settled, 0], path[:settled, 1], color=SETTLED_TINT, lw=1.3, alpha=0.9, zorder=3)
-    axes.plot(path[max(settled - 1, 0) :, 0], path[max(settled - 1, 0) :, 1], color=OPEN_TINT, lw=1.3, zorder=3)
-    axes.plot(*path[0, :2], "o", color=START_TINT, ms=8, mec="white", mew=1.2, zorder=5)
-    x, y, theta = path[-1]
+    joint = max(floor.settled - 1, 0)
+    settled, still_open = floor.trail or (floor.path[: floor.settled], floor.path[joint:])
+    axes.plot(settled[:, 0], settled[:, 1], color=SETTLED_TINT, lw=1.3, alpha=0.9, zorder=3)
+    axes.plot(still_open[:, 0], still_open[:, 1], color=OPEN_TINT, lw=1.3, zorder=3)
+    start, (x, y, theta) = floor.path[0], still_open[-1] if len(still_open) else settled[-1]
+    axes.plot(*start[:2], "o", color=START_TINT, ms=8, mec="white", mew=1.2, zorder=5)
     axes.plot(x, y, marker=(3, 0, math.degrees(theta) - 90.0), color=END_TINT, ms=11, mec="white", mew=1.2, zorder=5)
+
+
+def trail_of(trajectory: np.ndarray, rows: np.ndarray, settled: int) -> tuple[np.ndarray, np.ndarray]:
+    """The settled and the open part of a trajectory (n, 3) whose vertices stand at `rows`, thinned for drawing."""
+    joint = int(rows[min(settled, len(rows)) - 1]) if settled else 0
+    step = max(1, len(trajectory) // TRAIL_POINTS)
+    return trajectory[: joint + 1 : step], np.concatenate([trajectory[joint::step], trajectory[-1:]])
 
 
 def draw_scale_bar(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:

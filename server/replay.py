@@ -223,6 +223,7 @@ def write_outputs(out: Path, result: Result, params: CrunchParams, report: Repor
     """Every file but the report; each is there whole or not at all."""
     drive, estimate = result.drive, result.estimate
     floor = maps.floor_map(estimate.path, drive.walls, int(estimate.fixed_depth))
+    floor = floor._replace(trail=maps.trail_of(result.trajectory, drive.rows, floor.settled))
     odometry = np.array([keyframe.pose for keyframe in drive.keyframes])
     motion = params.filter.motion
     graph = maps.pose_graph(estimate.path, odometry, motion.turn_noise, motion.distance_noise)
