@@ -14,6 +14,7 @@ from firmware.virtual.robot import STEP_MS, Crunch
 from firmware.virtual.worlds import World
 
 TRACK = 0.19  # m, as BODY_TRACK
+MAX_SPEED = 1.5  # m/s of anybody's indoor robot
 TURN_SHARE = 0.2  # m per rad
 TIME_SHARE = 0.1  # m per s
 STRAIGHT = 1e-6  # rad of turn below which an arc is a line
@@ -25,16 +26,18 @@ def wrap(angles: np.ndarray) -> np.ndarray:
 
 
 def ordered(times: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows in file order with times that rise strictly; of equal times the last row counts.
+    """Rows in file order with times that rise strictly, and no faster motion than a robot's; of equal times the last.
 
-    A clock that steps back is met half-way: between the latest time so far and the earliest still to come.
+    Clocks of logs stammer and step back. Each row is put half-way between the earliest time at which the robot can have
+    come there after all rows before it, and the latest from which it can still reach all rows after it.
     """
-    times = np.asarray(times, float)
-    latest = np.maximum.accumulate(times)
-    earliest = np.minimum.accumulate(times[::-1])[::-1]
-    times = 0.5 * (latest + earliest)
-    is_last = np.append(np.diff(times) > 0.0, True)
-    return times[is_last], np.asarray(poses, float)[is_last]
+    times, poses = np.asarray(times, float), np.asarray(poses, float)
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T) + TURN_SHARE * np.abs(wrap(np.diff(poses[:, 2])))
+    needed = np.concatenate([[0.0], np.cumsum(steps / MAX_SPEED)])
+    slack = times - needed
+    times = 0.5 * (np.maximum.accumulate(slack) + np.minimum.accumulate(slack[::-1])[::-1]) + needed
+    is_last = np.append(np.diff(times) > 1e-6, True)
+    return times[is_last], poses[is_last]
 
 
 def arcs(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
