@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gzip
+import io
 import logging
 import math
 from collections.abc import Callable
@@ -56,6 +57,7 @@ class Dashboard:
             if self.server is None:
                 self.server, self.robot = await asyncio.to_thread(open_scene)
                 log.info("the 3-D view runs behind /viser/, on 127.0.0.1:%d", self.port)
+        look_from_behind(self.server, snapshot.pose)
         self.update(snapshot)
 
     def stop(self) -> None:
@@ -81,13 +83,20 @@ def open_scene() -> tuple[viser.ViserServer, viser.FrameHandle]:
     """A viser server on loopback with what never changes, and the frame of the robot's body."""
     import viser
 
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # it announces an address that is not for people
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     server.scene.set_up_direction("+z")
     server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_layout="collapsible")
     server.scene.add_grid("/floor", width=60.0, height=60.0, cell_size=0.5, section_size=5.0, cell_color=(90, 90, 90))
-    server.initial_camera.position = (-1.6, -1.4, 1.6)
-    server.initial_camera.look_at = (0.4, 0.2, 0.1)
     return server, draw_body(server)
+
+
+def look_from_behind(server: viser.ViserServer, pose: np.ndarray) -> None:
+    """Let whoever opens the view next stand behind the robot and above it."""
+    x, y, theta = (float(value) for value in pose)
+    ahead = np.array([math.cos(theta), math.sin(theta)])
+    server.initial_camera.position = (x - 1.7 * ahead[0], y - 1.7 * ahead[1], 1.4)
+    server.initial_camera.look_at = (x + 0.5 * ahead[0], y + 0.5 * ahead[1], 0.1)
 
 
 def draw_body(server: viser.ViserServer) -> viser.FrameHandle:

@@ -18,7 +18,7 @@ import numpy as np
 
 WINDOW_FRAMES = 6
 WINDOW_BYTES = 48 * 1024
-TOPICS = ("notice", "status", "pose", "histogram", "local", "map")  # the order in which waiting topics are sent
+HEAD_START = {"status": 3, "pose": 3}  # frames: these go before what has waited as long
 NOTICES = 32  # notices to one viewer that may wait
 
 Send = Callable[[bytes], Awaitable[None]]
@@ -58,6 +58,7 @@ class Viewer:
         self.waiting: dict[str, bytes] = {}
         self.notices: list[bytes] = []
         self.under_way: dict[int, int] = {}  # sequence -> bytes
+        self.last_sent: dict[str, int] = {}  # topic -> sequence
         self.sequence = 0
         self.replaced = 0
         self.changed = asyncio.Event()
@@ -78,15 +79,19 @@ class Viewer:
         self.changed.set()
 
     def next_body(self) -> bytes | None:
-        """What to send now, chosen at the last moment; None while nothing waits or the window is full."""
+        """What to send now, chosen at the last moment; None while nothing waits or the window is full.
+
+        The topic that was sent longest ago goes first, so that a slow line shows all of them.
+        """
         if len(self.under_way) >= WINDOW_FRAMES or sum(self.under_way.values()) >= WINDOW_BYTES:
             return None
         if self.notices:
             return self.notices.pop(0)
-        for topic in TOPICS:
-            if topic in self.waiting:
-                return self.waiting.pop(topic)
-        return None
+        if not self.waiting:
+            return None
+        topic = min(self.waiting, key=lambda name: self.last_sent.get(name, -1) - HEAD_START.get(name, 0))
+        self.last_sent[topic] = self.sequence + 1
+        return self.waiting.pop(topic)
 
     async def run(self) -> None:
         """Send until cancelled or until `send` fails."""

@@ -7,6 +7,7 @@ Arrays are narrowed for the wire: poses as float32, the local map as one byte pe
 from __future__ import annotations
 
 import math
+import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -138,8 +139,13 @@ def histogram_view(snapshot: Snapshot) -> View:
 
 
 def local_view(snapshot: Snapshot) -> View:
-    """The local map as probabilities of 0 to 255, what the sensors saw last, and the walls (Figure 2 of the thesis)."""
-    beams, arrays = {}, {"cells": probabilities(snapshot.local_map)}
+    """The local map as occupancy of 0 to 255, what the sensors saw last, and the walls (Figure 2 of the thesis).
+
+    `cells` is deflated (zlib's format): rows of `shape`, y upwards.
+    """
+    cells = probabilities(snapshot.local_map)
+    beams: dict[str, dict[str, float]] = {}
+    arrays: dict[str, np.ndarray] = {"cells": np.frombuffer(zlib.compress(cells.tobytes(), 1), np.uint8)}
     for sensor, beam in snapshot.beams.items():
         beams[sensor] = {"half_angle": float(beam["half_angle"]), "max_range": float(beam["max_range"])}
         for name in ("bearings", "offsets", "ranges"):
@@ -150,6 +156,7 @@ def local_view(snapshot: Snapshot) -> View:
             "resolution": float(snapshot.local_resolution),
             "origin": rounded(snapshot.local_origin),
             "odometry": rounded(snapshot.odometry),
+            "shape": cells.shape,
             "scale": CENTIMETRE,
             "beams": beams,
         },
@@ -177,8 +184,9 @@ def map_view(snapshot: Snapshot) -> View:
 
 
 def probabilities(log_odds: np.ndarray) -> np.ndarray:
-    """Log odds as occupancy of 0 (free) to 255; 128 is unknown."""
-    return np.round(255.0 / (1.0 + np.exp(-np.clip(log_odds, -20.0, 20.0))) + 0.25).astype(np.uint8)
+    """Log odds as occupancy of 0 (free) to 255 in 16 steps on either side of 128, which is unknown."""
+    certainty = np.tanh(0.5 * log_odds)
+    return (128.0 + np.round(16.0 * certainty) * (127.0 / 16.0)).astype(np.uint8)
 
 
 def pack_curves(curves: list[np.ndarray], origin: np.ndarray) -> dict[str, np.ndarray]:

@@ -36,6 +36,12 @@ export function unpackCurves(points, lengths, scale, origin) {
   return curves;
 }
 
+/** Bytes that were deflated in zlib's format, as they were. */
+export async function inflate(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
 /** The rows of an (n, m) array. */
 export function rows({ values, shape }) {
   return Array.from({ length: shape[0] }, (_, row) => values.subarray(row * shape[1], (row + 1) * shape[1]));

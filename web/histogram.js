@@ -17,8 +17,8 @@ export class HistogramView {
 
   draw(context, width, height) {
     if (!this.frame) return;
-    const radius = 0.5 * Math.min(width, height) - 14;
-    context.translate(width / 2, height / 2 - 4);
+    const radius = Math.max(60, 0.5 * Math.min(width, height - 26) - 8);
+    context.translate(width / 2, (height - 26) / 2 + 2);
     context.scale(1, -1);
     context.rotate(Math.PI / 2);
     this.drawDensities(context, radius - 12);

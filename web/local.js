@@ -1,26 +1,28 @@
 // The local map with what the sensors see now, forward up: sonar cones, infra-red rays and the walls (Figure 2).
 
 import { Drawing, channels, colour, polyline, robotGlyph } from "./canvas.js";
-import { unpackCurves } from "./frame.js";
+import { inflate, unpackCurves } from "./frame.js";
 
 export class LocalView {
   constructor(canvas) {
     this.cells = new OffscreenCanvas(1, 1);
     this.frame = null;
+    this.occupancy = null;
     this.curves = [];
     this.drawing = new Drawing(canvas, (...args) => this.draw(...args));
   }
 
   /** Take over a frame of topic `local`. */
-  show(frame) {
-    this.frame = frame;
+  async show(frame) {
     this.curves = unpackCurves(frame.arrays.points, frame.arrays.lengths, frame.header.scale, [0, 0]);
+    this.occupancy = await inflate(frame.arrays.cells.values);
+    this.frame = frame;
     this.drawing.request();
   }
 
   paintCells() {
-    const { values, shape } = this.frame.arrays.cells;
-    const [height, width] = shape;
+    const values = this.occupancy;
+    const [height, width] = this.frame.header.shape;
     if (this.cells.width !== width || this.cells.height !== height) this.cells = new OffscreenCanvas(width, height);
     const shades = shadesOfOccupancy();
     const image = new ImageData(width, height);
@@ -34,8 +36,8 @@ export class LocalView {
     this.paintCells();
     const { resolution, origin, odometry } = this.frame.header;
     const reach = 0.5 * this.cells.width * resolution;
-    context.translate(width / 2, height / 2);
-    const scale = Math.min(width, height) / (2 * reach) * 0.98;
+    context.translate(width / 2, (height - 22) / 2);
+    const scale = (Math.max(60, Math.min(width, height - 26)) / (2 * reach)) * 0.99;
     context.scale(scale, -scale);
     context.rotate(Math.PI / 2);
     context.save();
@@ -52,6 +54,8 @@ export class LocalView {
     this.drawRays(context, scale);
     this.drawWalls(context, scale);
     context.restore();
+    const size = Math.max(1, 7 / (0.076 * scale));
+    context.scale(size, size);
     robotGlyph(context, colour("robot"), colour("open"));
   }
 

@@ -224,7 +224,7 @@ export class MapView {
     context.globalAlpha = 0.75;
     for (const curve of this.here) polyline(context, curve);
     context.globalAlpha = 1;
-    const size = Math.max(1, 15 / (this.scale * 0.2));
+    const size = Math.max(1, 12 / (0.076 * this.scale));
     context.scale(size, size);
     robotGlyph(context, colour("robot"), colour("open"));
     context.restore();
