@@ -166,7 +166,8 @@ class Crunch:
 
     def look(self, message: Ranges) -> list[Effect]:
         """Fuse a sweep where the robot was when it was taken, and steer if there is a goal."""
-        self.last_ranges[message.sensor] = message.ranges
+        before = self.last_ranges.get(message.sensor, message.ranges)
+        self.last_ranges[message.sensor] = np.where(np.isnan(message.ranges), before, message.ranges)
         if not self.has_odometry or message.sensor not in self.local_map.rings:
             return []
         pose, tilt = self.odometry, self.tilt
