@@ -36,11 +36,14 @@ ROBOTS = {"crunch": Crunch}  # one row per robot; its parameters are the field o
 
 THESIS: dict[str, Any] = {
     "crunch": {
+        "hindsight": 0,
         "local_map": {"reach": 1.0, "resample": True},
         "filter": {
-            "direction_gain": 0.0,
             "motion": {"turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
-            "affinity": {"states": 2, "both_free": 1.0, "both_wall": 1.0, "differ": -1.0, "gain": 0.3},
+            "direction": {"gain": 0.0},
+            "comparison": {
+                "affinity": {"states": 2, "both_free": 1.0, "both_wall": 1.0, "differ": -1.0, "gain": 0.3},
+            },
         },
     }
 }

@@ -1,0 +1,73 @@
+"""The drives that the benchmarks run on, each made once and kept in `build/bench`, every one named by world and seed.
+
+Simulated drives are ordinary recordings of the virtual robot with the truth beside them; real logs are found through
+`CRUNCH_DATA` (see `data_folder`).
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from firmware.virtual import VirtualCrunch, World, corridor_cycle, corridor_plan
+from server.config import Config
+from server.formats.carmen import read_carmen
+from server.formats.logs import Log
+from server.formats.tum import read_tum
+from server.recorded import open_log
+from server.simulate import record, scripted
+
+ROOT = Path(__file__).resolve().parent.parent
+CACHE = ROOT / "build" / "bench"
+WIDTHS = (1.5, 1.8, 2.1, 2.4)  # m, corridor widths of the cycles in turn
+
+
+def data_folder() -> Path | None:
+    """Where the foreign recordings are, or None."""
+    folder = Path(os.environ.get("CRUNCH_DATA", ROOT / "data"))
+    return folder if folder.is_dir() else None
+
+
+def truth_of(log: Path) -> Path:
+    """The true poses beside a simulated recording."""
+    return log.with_name(log.name + ".truth.tum")
+
+
+def made(name: str, robot, longest: float) -> Path:
+    """The recording `name` of what `robot()` does, made now if it was not before."""
+    path = CACHE / name
+    if not truth_of(path).exists():
+        record(robot(), "crunch", path, Config(), longest, None)
+    return path
+
+
+def cycle(seed: int, drift: str, length: float = 50.0) -> Path:
+    """Two laps and a bit of a corridor cycle; the width goes round with the seed."""
+    width = WIDTHS[seed % len(WIDTHS)]
+    plan = corridor_plan(seed, length)
+
+    def robot() -> VirtualCrunch:
+        return VirtualCrunch(corridor_cycle(seed, length, width), seed=seed, drift=drift, plan=plan)  # pyright: ignore
+
+    return made(f"cycle-{length:g}-{drift}-{seed}.rlog", robot, 3.0 * plan.length / 0.3)
+
+
+def semireal(name: str, seed: int) -> Path:
+    """Crunch's senses in the building that the laser of `data/NAME` saw, on its path and with its real odometry."""
+    data = data_folder()
+    assert data is not None
+    log = read_carmen(data / name / f"{name}.log")
+    times, reference = read_tum(data / name / "reference.tum")
+    longest = float(times.max() - times.min())
+    return made(f"semireal-{name}-{seed}.rlog", lambda: scripted(log, times, reference, seed, data / name), longest)
+
+
+def read(path: Path) -> tuple[Log, np.ndarray, np.ndarray]:
+    """A simulated recording as a log, with the times (n,) and poses (n, 3) of the truth."""
+    times, poses = read_tum(truth_of(path))
+    return open_log(path), times, poses
+
+
+__all__ = ["World", "cycle", "data_folder", "read", "semireal", "truth_of"]
