@@ -50,19 +50,24 @@ def arcs(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(np.abs(turn) > STRAIGHT, chord * half / np.sin(half), chord), turn
 
 
+def along_arcs(poses: np.ndarray, lengths: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Poses (n, 3) after driving an arc from each of `poses`."""
+    half = np.where(np.abs(turns) > STRAIGHT, 0.5 * turns, 0.5)
+    chord = lengths * np.where(np.abs(turns) > STRAIGHT, np.sin(half) / half, 1.0)
+    middle = poses[:, 2] + 0.5 * turns
+    return np.column_stack(
+        [poses[:, 0] + chord * np.cos(middle), poses[:, 1] + chord * np.sin(middle), poses[:, 2] + turns]
+    )
+
+
 def at_times(times: np.ndarray, poses: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Poses (m, 3) at times between those of poses (n, 3): along the arc of each step, headings continuous."""
     lengths, turns = arcs(poses)
+    poses = np.column_stack([poses[:, :2], poses[0, 2] + np.concatenate([[0.0], np.cumsum(turns)])])
+    aside = poses[1:] - along_arcs(poses[:-1], lengths, turns)  # what is no arc, spread evenly
     row = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
     part = np.clip((wanted - times[row]) / (times[row + 1] - times[row]), 0.0, 1.0)
-    headings = poses[0, 2] + np.concatenate([[0.0], np.cumsum(turns)])
-    turn = part * turns[row]
-    half = np.where(np.abs(turn) > STRAIGHT, 0.5 * turn, 0.5)
-    chord = part * lengths[row] * np.where(np.abs(turn) > STRAIGHT, np.sin(half) / half, 1.0)
-    middle = headings[row] + 0.5 * turn
-    x = poses[row, 0] + chord * np.cos(middle)
-    y = poses[row, 1] + chord * np.sin(middle)
-    return np.column_stack([x, y, headings[row] + turn])
+    return along_arcs(poses[row], part * lengths[row], part * turns[row]) + part[:, None] * aside[row]
 
 
 def carried(reference: np.ndarray, anchor: np.ndarray, poses: np.ndarray) -> np.ndarray:
