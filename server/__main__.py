@@ -1,21 +1,28 @@
 """The `crunch` command. Each command imports what it needs when it runs, so that help comes at once.
 
-Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line.
+Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line. Uses its sibling
+`terminal`, which imports as late.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from server.replay import Progress
+from server.terminal import (
+    complain,
+    folders_for,
+    known_drift,
+    live_options,
+    live_settings,
+    progress_bar,
+    settings_flags,
+)
 
 ABOUT = """Maps buildings with robots that sense almost nothing.
 
@@ -53,9 +60,85 @@ Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the pa
 Host = Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")]
 
 
+LiveThreads = Annotated[int, typer.Option(min=1, help="Threads of the filter.")]
+Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]
+Recordings = Annotated[Path, typer.Option(help="Folder for the session's recording.")]
+Record = Annotated[bool, typer.Option("--record/--no-record", help="Keep the bytes that came and went.")]
+WORLD = "A built-in world (demo, corridor50) or a file: TOML, CARMEN .map, ROS .yaml."
+PLAN = "A built-in drive plan (demo, corridor50) or a TOML file."
+DRIFT = "How badly odometry errs: none, low, medium or high."
+LINK = "serial:DEVICE[?baud=38400], tcp://HOST:PORT or pty:PATH; repeatable."
+
+
 @app.callback()
 def common(debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False) -> None:
     """Only holds what is common to all commands; `main` looks for --debug itself."""
+
+
+@app.command()
+def demo(
+    port: Port = None,
+    host: Host = None,
+    browser: Browser = True,
+    autopilot: Annotated[bool, typer.Option("--autopilot", help="The robot drives its plan by itself.")] = False,
+    world: Annotated[str, typer.Option(help=WORLD)] = "demo",
+    plan: Annotated[str, typer.Option(help=PLAN)] = "demo",
+    drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
+    speed: Annotated[float, typer.Option(min=0.1, max=100.0, help="Times real time.")] = 1.0,
+    seed: Seed = 0,
+    threads: LiveThreads = 1,
+    recordings: Recordings = Path("recordings"),
+    record: Record = True,
+    particles: Particles = None,
+    preset: Preset = None,
+    config: ConfigFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Drive a virtual robot in the browser and watch its map grow.
+
+    It speaks the same bytes as the real one. W A S D or the arrow keys drive, space stops; --autopilot drives a plan.
+
+    \b
+        crunch demo --autopilot
+        crunch demo --port 8080 --no-browser --world corridor50 --plan corridor50
+    """
+    from server.live import run_demo
+
+    options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
+    options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None)
+    raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed))
+
+
+@app.command()
+def serve(
+    links: Annotated[list[str] | None, typer.Option("--link", metavar="LINK", help=LINK)] = None,
+    port: Port = None,
+    host: Host = None,
+    browser: Browser = True,
+    seed: Seed = 0,
+    threads: LiveThreads = 1,
+    recordings: Recordings = Path("recordings"),
+    record: Record = True,
+    particles: Particles = None,
+    preset: Preset = None,
+    config: ConfigFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Drive a real robot in the browser, map with it, and record everything it says.
+
+    \b
+        crunch serve --link serial:/dev/ttyUSB0
+        crunch serve --link "serial:/dev/ttyUSB0?baud=57600" --host 0.0.0.0
+        crunch serve --link tcp://127.0.0.1:9000 --no-browser
+        crunch serve --link pty:/tmp/crunch
+
+    A robot with a line per board gets a --link for each.
+    """
+    from server.live import run_serve
+
+    options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
+    options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None)
+    raise typer.Exit(run_serve(links or [], options))
 
 
 @app.command()
@@ -112,12 +195,10 @@ def replay(
 def simulate(
     out: Annotated[Path, typer.Option(metavar="LOG", help="Recording to write; the truth goes to LOG.truth.tum.")],
     robot: Annotated[str, typer.Option(help="Which robot.")] = "crunch",
-    world: Annotated[
-        str | None, typer.Option(help="A built-in world or a file (TOML, CARMEN .map, ROS .yaml).")
-    ] = None,
-    plan: Annotated[str | None, typer.Option(help="A built-in drive plan or a TOML file.")] = None,
+    world: Annotated[str | None, typer.Option(help=WORLD, show_default="the plan's")] = None,
+    plan: Annotated[str | None, typer.Option(help=PLAN, show_default="the world's, or demo")] = None,
     seed: Seed = 0,
-    drift: Annotated[str, typer.Option(help="Odometry's errors: low, medium or high.")] = "medium",
+    drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds.", show_default="the plan's end")] = None,
     from_log: Annotated[Path | None, typer.Option(help="Semi-real: odometry and walls from this CARMEN log.")] = None,
     reference: Annotated[Path | None, typer.Option(help="Semi-real: where the log's scans were taken (TUM).")] = None,
@@ -149,7 +230,7 @@ def simulate(
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_semireal(semireal, settings, progress)
     else:
-        simulation = Simulation(robot, world, plan or world or "demo", seed, out, drift, duration)
+        simulation = Simulation(robot, world, plan or world or "demo", seed, out, known_drift(drift), duration)
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_drive(simulation, settings, progress)
     typer.echo(f"{out}: {summary}")
@@ -184,43 +265,6 @@ def version() -> None:
     typer.echo(", ".join(f"{name} {text}" for name, text in versions.items()))
 
 
-def settings_flags(preset: str | None, particles: int | None, robot: str | None) -> dict[str, Any]:
-    """The flags that are settings, nested as in config.toml."""
-    flags: dict[str, Any] = {"preset": preset} if preset is not None else {}
-    if particles is not None:
-        flags[robot or "crunch"] = {"filter": {"particles": particles}}
-    return flags
-
-
-def folders_for(logs: list[Path], out: Path) -> list[Path]:
-    """Where each log's results go: `out` itself for one, else a folder in it by the log's name; no two alike."""
-    if len(logs) == 1:
-        return [out]
-    folders: list[Path] = []
-    for path in logs:
-        name, number = path.stem, 2
-        while out / name in folders:
-            name, number = f"{path.stem}-{number}", number + 1
-        folders.append(out / name)
-    return folders
-
-
-@contextlib.contextmanager
-def progress_bar(title: str, total: int | None, quiet: bool) -> Iterator[Progress | None]:
-    """A bar on standard error while something long runs; nothing where no one is looking. Gives what moves it."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=total)
-        yield lambda done: bar.update(task, completed=done)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
@@ -250,12 +294,6 @@ def run(arguments: list[str], is_debug: bool) -> int:
         if is_debug:
             raise
         return complain(f"internal error, {type(error).__name__}: {error} (run again with --debug and report it)", 1)
-
-
-def complain(message: str, code: int) -> int:
-    """Say on one line of standard error what went wrong."""
-    typer.echo(f"crunch: error: {' '.join(message.split())}", err=True)
-    return code
 
 
 if __name__ == "__main__":

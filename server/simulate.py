@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware.virtual import (
-    DRIFTS,
     CompilerError,
+    Drift,
     Plan,
     VirtualCrunch,
     World,
@@ -56,7 +56,7 @@ class Simulation(NamedTuple):
     plan: str
     seed: int
     out: Path
-    drift: str = "medium"
+    drift: Drift = "medium"
     duration: float | None = None
 
 
@@ -73,12 +73,10 @@ class Semireal(NamedTuple):
 
 def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
-    if simulation.drift not in DRIFTS:
-        raise UserError(f"drift `{simulation.drift}` is unknown; choose {', '.join(DRIFTS)}")
     with mendable():
         plan = load_plan(simulation.plan)
         world = load_world(simulation.world or plan.world or simulation.plan)
-        robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan)  # pyright: ignore
+        robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan)
     longest = simulation.duration or allowance(plan)
     end = record(robot, simulation.robot, simulation.out, settings, longest, progress)
     warning = ""
