@@ -63,7 +63,8 @@ class Dashboard:
     def stop(self) -> None:
         """End viser's thread."""
         if self.server is not None:
-            self.server.stop()
+            with contextlib.redirect_stdout(io.StringIO()):
+                self.server.stop()
             self.server = None
 
     def update(self, snapshot: Snapshot) -> None:

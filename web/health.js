@@ -3,6 +3,10 @@
 const LOW_BATTERY = 25.2; // volts of 24 NiMH cells at 1.05 V each
 const EMPTY_BATTERY = 24.0;
 
+const STATES = { armed: "armed", "link lost": "standing" }; // on its feet; without commands it only balances
+const STOPS = { link: "no commands", none: "none", command: "asked for" };
+const HARMLESS_STOPS = [null, "none", "command", "link", "boot"];
+
 export class Health {
   constructor(table) {
     this.table = table;
@@ -40,11 +44,11 @@ export class Health {
 }
 
 function rowsOf({ robot, filter, link, map, driver, recording, version }) {
-  const stopped = robot.stop_reason && robot.stop_reason !== "none" && robot.stop_reason !== "command";
+  const stopped = !HARMLESS_STOPS.includes(robot.stop_reason);
   return [
     ["Robot"],
-    ["State", robot.state ?? "not heard", robot.state === "armed" ? "" : robot.state ? "warn" : "bad"],
-    ["Last stop", robot.stop_reason ?? "–", stopped && robot.state !== "armed" ? "bad" : ""],
+    ["State", STATES[robot.state] ?? robot.state ?? "not heard", STATES[robot.state] ? "" : robot.state ? "warn" : "bad"],
+    ["Last stop", STOPS[robot.stop_reason] ?? robot.stop_reason ?? "–", stopped ? "bad" : ""],
     ["Battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts)],
     ["Current", robot.battery_amperes === null ? "–" : `${robot.battery_amperes.toFixed(2)} A`],
     ...((robot.charger_volts ?? 0) > 5 ? [["Charger", volts(robot.charger_volts)]] : []),
@@ -66,7 +70,7 @@ function rowsOf({ robot, filter, link, map, driver, recording, version }) {
     ["Plausibility", map.plausibility.toFixed(1)],
     ["Session"],
     ["Watching", String(driver.viewers)],
-    ["Recording", recording ? recording.split("/").pop() : "off"],
+    ["Recorded", recording ? recording.split("/").pop().replace(/^run-|\.rlog$/g, "") : "no"],
     ["Version", version],
   ];
 }

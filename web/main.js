@@ -93,7 +93,7 @@ function showStatus(status) {
   $("take").hidden = isMine || who.viewer === null;
   $("resume").hidden = who.stopped_by === null;
   $("cancel").hidden = who.goal === null;
-  $("arm").hidden = robot.state === null || robot.state === "armed";
+  $("arm").hidden = robot.state === null || robot.state === "armed" || robot.state === "link lost";
   $("autopilot").hidden = who.autopilot === null;
   $("autopilot").setAttribute("aria-pressed", String(who.autopilot === true));
   $("map-figures").textContent = figures.vertices
