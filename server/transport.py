@@ -300,7 +300,7 @@ def tcp_link(spec: str, backoff: Backoff) -> StreamLink:
 
 
 def virtual_link(spec: str, rest: str) -> VirtualLink:
-    """`virtual:`, or `virtual:WORLD?plan=PLAN&seed=1&speed=2&drift=low`; both names are a file's or a built-in one's."""
+    """`virtual:`, or `virtual:WORLD?plan=PLAN&seed=1&speed=2&drift=low`; names are files' or built-in ones."""
     world, settings = options(spec, rest, ("plan", "seed", "speed", "drift"))
     try:
         seed, speed = int(settings.get("seed", "0")), float(settings.get("speed", "1"))

@@ -259,3 +259,22 @@ def test_calibrations_compare_by_their_settings_after_use():
     assert used.infrared_ranges
     assert used == Calibration()
     assert used != Calibration(sonar_max=2.0)
+
+
+def test_the_document_tells_the_table_s_sizes_and_the_budget():
+    text = (HEADER.parents[2] / "docs" / "wire.md").read_text()
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
+    told = {int(row[0]): row for row in rows if len(row) == 7 and row[0].isdecimal()}
+    assert set(told) == set(CHANNELS)
+    total = 0.0
+    for number, channel in CHANNELS.items():
+        _, name, sources, size, on_line, rate, load = told[number]
+        assert name == channel.name
+        assert sources == ", ".join(channels.SOURCES[source] for source in channel.sources)
+        assert (int(size), int(on_line)) == (channel.payload.size, channel.payload.size + 8)
+        if load:
+            times, _, each = rate.split(",")[0].removesuffix(" while driven").rpartition(" x ")
+            assert float(load) == int(on_line) * float(times or 1) * float(each)
+            total += float(load)
+    assert f"Together {total:,.0f} bytes per second" in text
+    assert total < 1920
