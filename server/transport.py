@@ -138,26 +138,38 @@ class StreamLink:
             before = self.received
             try:
                 reader, writer = await self.connect()
-                await self._listen(reader, writer, receive)
-                self.error = "closed by the other end"
-            except (OSError, TimeoutError) as error:
-                self.error = str(error) or type(error).__name__
+            except OSError as error:
+                self.error = told(error)
+            else:
+                self.error = await self._listen(reader, writer, receive)
             if self.received > before:  # the line was good; one that only opens and closes is not
                 pause = self.backoff.first
             await asyncio.sleep(pause)
             pause = min(2.0 * pause, self.backoff.last)
 
-    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, receive: Receive) -> None:
+    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, receive: Receive) -> str:
+        """Hands over what comes until the line is lost, and tells why; errors of `receive` are not the line's."""
         self.writer = writer
         self.connections += 1
         self.error = ""
         try:
-            while data := await reader.read(READ_SIZE):
+            while True:
+                try:
+                    data = await reader.read(READ_SIZE)
+                except OSError as error:
+                    return told(error)
+                if not data:
+                    return "closed by the other end"
                 self.received += len(data)
                 receive(data, self.now())
         finally:
             self.writer = None
             await close(writer)
+
+
+def told(error: OSError) -> str:
+    """An error in words; a connection that takes too long has none of its own."""
+    return str(error) or type(error).__name__
 
 
 async def close(writer: asyncio.StreamWriter) -> None:

@@ -131,6 +131,42 @@ def test_the_link_compiles_for_the_board(tmp_path, optimisation):
         subprocess.run(["avr-gcc", *flags, "-c", source, "-o", tmp_path / f"{source.stem}.o"], check=True)
 
 
+HARNESS = """
+#include "frame.h"
+#include <stdio.h>
+int main(void)
+{
+    struct frame_decoder decoder;
+    struct frame frame;
+    uint8_t out[LINK_MAX_ENCODED];
+    long good = 0;
+    frame_decoder_init(&decoder);
+    for (int byte; (byte = getchar()) != EOF;)
+        if (frame_decoder_feed(&decoder, (uint8_t)byte, &frame)) {
+            good++;
+            if (frame_encode(out, frame.source, frame.channel, 0, frame.time_ms, frame.payload, frame.size) == 0)
+                return 2;
+        }
+    printf("%ld", good);
+    return 0;
+}
+"""
+
+
+def test_noise_breaks_no_rule_of_c(tmp_path):
+    source, program = tmp_path / "harness.c", tmp_path / "harness"
+    source.write_text(HARNESS)
+    sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    build = [*FLAGS, *sanitizers, f"-I{LINK}", "-o", program, source, *SOURCES]
+    if subprocess.run(["cc", *build], capture_output=True).returncode != 0:
+        pytest.skip("this compiler has no sanitizers")
+    rng = random.Random(6)
+    frames = [link.encode(link.Frame(1, i % 64, i % 256, i, rng.randbytes(i % 25))) for i in range(1000)]
+    noise = b"".join(frame + b"\0" + rng.randbytes(rng.randrange(100)) + b"\0" for frame in frames)
+    done = subprocess.run([program], input=noise, capture_output=True, check=True)
+    assert int(done.stdout) >= 1000
+
+
 def test_every_header_of_the_link_stands_alone(tmp_path):
     for header in LINK.glob("*.h"):
         source = tmp_path / f"{header.stem}.c"

@@ -131,6 +131,23 @@ def test_a_robot_that_comes_later_is_found():
     asyncio.run(scene())
 
 
+def test_a_mistake_in_the_receiver_is_not_taken_for_a_lost_line():
+    async def scene():
+        def fail(data, t):
+            raise OSError("disk full")
+
+        async with Tower() as tower:
+            link = open_link(tower.spec, QUICK)
+            task = asyncio.create_task(link.run(fail))
+            await until(lambda: link.is_connected and tower.writers)
+            tower.writers[0].write(b"reading")
+            with pytest.raises(OSError, match="disk full"):
+                await task
+            assert not link.is_connected
+
+    asyncio.run(scene())
+
+
 def test_pauses_grow_to_the_last_and_begin_anew_after_a_good_line(monkeypatch):
     pauses = []
     attempts = 0
