@@ -50,7 +50,7 @@ lock: ## Choose the versions of all dependencies again; UPGRADE=--upgrade takes 
 
 config: ## Write config.toml again from the defaults in the code
 	@.ci/setup run
-	$(PYTHON) docs/config.py > config.toml
+	$(PYTHON) docs/make_config.py > config.toml
 
 clean: ## Remove what was built here
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

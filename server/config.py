@@ -8,7 +8,6 @@ parameter classes only. Uses its sibling `estimator` for the worker's parameters
 from __future__ import annotations
 
 import difflib
-import math
 import os
 import re
 import tomllib
@@ -294,25 +293,3 @@ def line_of(path: Path, keys: Sequence[str]) -> int | None:
         if path_here and path_here == list(keys)[: len(path_here)]:
             found = number
     return found
-
-
-def to_toml(values: Mapping[str, Any], above: str = "") -> str:
-    """Nested values as TOML; what has no value is shown as a comment."""
-    plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
-    lines = [f"{key} = {toml_value(value)}" if value is not None else f"# {key} =" for key, value in plain.items()]
-    text = "\n".join(([f"[{above}]"] if above and (plain or not values) else []) + lines) + "\n" if lines else ""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            text += ("\n" if text else "") + to_toml(value, f"{above}.{key}" if above else key)
-    return text
-
-
-def toml_value(value: Any) -> str:
-    """One TOML value."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float) and math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(toml_value(item) for item in value)}]"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
