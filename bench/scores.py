@@ -53,16 +53,19 @@ def line(name: str, scores: Sequence[Score]) -> str:
     """A table row: how often the loop closed, ATE median and 90th percentile beside odometry's, speed."""
     column = {field: np.array([getattr(s, field) for s in scores], float) for field in Score._fields}
     failed = [s.seed for s in scores if not s.closed]
+    closed, by_odometry = 100.0 * column["closed"].mean(), 100.0 * column["odometry_closed"].mean()
     return (
-        f"| {name} | {len(scores)} | {100 * column['closed'].mean():.0f} % | {100 * column['odometry_closed'].mean():.0f} % "
+        f"| {name} | {len(scores)} | {closed:.0f} % | {by_odometry:.0f} % "
         f"| {np.median(column['ate']):.2f} / {np.quantile(column['ate'], 0.9):.2f} "
         f"| {np.median(column['odometry_ate']):.2f} / {np.quantile(column['odometry_ate'], 0.9):.2f} "
-        f"| {np.median(column['revisit_median']):.2f} | {np.median(column['real_time_factor']):.0f} | {failed or 'none'} |"
+        f"| {np.median(column['revisit_median']):.2f} | {np.median(column['real_time_factor']):.0f} "
+        f"| {failed or 'none'} |"
     )
 
 
 HEADER = (
-    "| run | seeds | closed | by odometry | ATE median / p90 (m) | odometry's | revisit error (m) | x real time | open |\n"
+    "| run | seeds | closed | by odometry | ATE median / p90 (m) | odometry's "
+    "| revisit error (m) | x real time | not closed |\n"
     "|---|---|---|---|---|---|---|---|---|"
 )
 

@@ -20,6 +20,7 @@ from slam.pose import between
 from slam.rangefinder import RingParams
 
 SONAR, INFRARED, BEAM = 0, 1, 2
+STRIDE = 4  # cells that the robot may be off the middle before the window moves
 MODELS = {"sonar": SONAR, "infrared": INFRARED, "beam": BEAM}
 
 
@@ -248,7 +249,7 @@ class LocalMap:
         longest = max(ring.max_range for ring in sensors.values())
         self.reach = params.reach if params.reach is not None else max(1.0, params.reach_share * longest)
         self.resolution = max(params.finest_cell, self.reach / params.cells_per_reach)
-        half = round((self.reach + border) / self.resolution)
+        half = round((self.reach + border) / self.resolution) + STRIDE
         self.cells = np.zeros((2 * half, 2 * half), np.float32)
         self.half = half
         self.columns, self.rows = -half, -half  # of cell (0, 0)'s corner, in whole cells from the frame's origin
@@ -258,7 +259,7 @@ class LocalMap:
         self.evidence = Evidence(*(getattr(params, name) for name in Evidence._fields))
 
     def move(self, pose: np.ndarray) -> None:
-        """Follow the robot to `pose` (3,)."""
+        """Follow the robot to `pose` (3,), a few cells at a time."""
         if self.frame is not None:
             x, y, turn = between(self.frame, pose)
             self.cells = resample_cells(self.cells, self.resolution, x, y, turn)
@@ -266,7 +267,7 @@ class LocalMap:
             return
         columns = math.floor(pose[0] / self.resolution) - self.half - self.columns
         rows = math.floor(pose[1] / self.resolution) - self.half - self.rows
-        if columns or rows:
+        if max(abs(columns), abs(rows)) > STRIDE:
             self.cells = shift_cells(self.cells, columns, rows)
             self.columns += columns
             self.rows += rows

@@ -131,7 +131,7 @@ def label_curves(distances, jump):
 
 
 @njit(cache=True)
-def smooth_curves(distances, labels, shortest, sigma):
+def smooth_curves(distances, labels, jump, shortest, sigma):
     """Distances with short curves dropped and the others smoothed along themselves with a Gaussian of `sigma` rays."""
     n = distances.size
     lengths = np.zeros(labels.max() + 1, np.int64)
@@ -142,13 +142,17 @@ def smooth_curves(distances, labels, shortest, sigma):
     for ray in range(n):
         if labels[ray] == 0 or lengths[labels[ray]] < shortest:
             continue
-        total, weight = 0.0, 0.0
-        for offset in range(-width, width + 1):
-            other = (ray + offset) % n
-            if labels[other] == labels[ray]:
-                share = math.exp(-0.5 * (offset / sigma) ** 2) if offset else 1.0
+        total, weight = distances[ray], 1.0
+        for side in (-1, 1):
+            before = ray
+            for offset in range(1, width + 1):
+                other = (ray + side * offset) % n
+                if labels[other] == 0 or abs(distances[other] - distances[before]) > jump:
+                    break  # the curve ends here, though its other end may lie beyond
+                share = math.exp(-0.5 * (offset / sigma) ** 2)
                 total += share * distances[other]
                 weight += share
+                before = other
         smooth[ray] = total / weight
     return smooth
 
@@ -159,7 +163,7 @@ def extract(local_map: LocalMap, pose: np.ndarray, params: WallParams) -> Walls:
     distances, free = trace_rays(local_map.grid(), local_map.in_grid(pose), params.n_rays, tracing)
     joined = join_gaps(distances, params.join_rays, params.jump)
     labels = label_curves(joined, params.jump)
-    return Walls(smooth_curves(joined, labels, params.shortest, params.smoothing), free)
+    return Walls(smooth_curves(joined, labels, params.jump, params.shortest, params.smoothing), free)
 
 
 def curves(walls: Walls, jump: float = 0.15) -> list[np.ndarray]:
@@ -173,8 +177,6 @@ def curves(walls: Walls, jump: float = 0.15) -> list[np.ndarray]:
     found = []
     for curve in range(1, int(labels.max(initial=0)) + 1):
         rays = np.flatnonzero(labels == curve)
-        breaks = np.flatnonzero(np.diff(rays) > 1)
-        if breaks.size:  # the curve crosses ray 0
-            rays = np.concatenate([rays[breaks[0] + 1 :], rays[: breaks[0] + 1]])
-        found.append(points[rays])
+        is_start = ~(np.abs(walls.distances[rays] - walls.distances[rays - 1]) <= jump)
+        found.append(points[np.roll(rays, -int(np.argmax(is_start)))])  # the curve may cross ray 0
     return found
