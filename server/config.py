@@ -246,7 +246,7 @@ def known_part(values: Mapping[str, Any], model: type[BaseModel]) -> dict[str, A
 def unknown_key(place: str, key: str, last: str, known: list[str]) -> ConfigError:
     """The error of a key that does not exist, with the nearest one that does."""
     by_name = {name.rpartition(".")[2]: name for name in known}
-    near = difflib.get_close_matches(last, by_name, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(last, by_name, n=1, cutoff=0.6)
     remedy = f"did you mean `{by_name[near[0]]}`?" if near else f"known here: {', '.join(by_name)}"
     return ConfigError(f"{place}: `{key}` is no setting; {remedy}")
 
