@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware.virtual import VirtualCrunch, World, corridor_cycle, corridor_plan
+from firmware.virtual import VirtualCrunch, corridor_cycle, corridor_plan, load_world
+from firmware.virtual.routes import tour
 from server.config import Config
 from server.formats.carmen import read_carmen
 from server.formats.logs import Log
@@ -54,6 +55,19 @@ def cycle(seed: int, drift: str, length: float = 50.0) -> Path:
     return made(f"cycle-{length:g}-{drift}-{seed}.rlog", robot, 3.0 * plan.length / 0.3)
 
 
+def floor(name: str, seed: int, drift: str, length: float = 250.0) -> Path:
+    """A tour of about `length` m through the real floor plan `data/maps/NAME.map`."""
+    data = data_folder()
+    assert data is not None
+    world = load_world(data / "maps" / f"{name}.map")
+    plan = tour(world, length, seed)
+
+    def robot() -> VirtualCrunch:
+        return VirtualCrunch(world, seed=seed, drift=drift, plan=plan)  # pyright: ignore
+
+    return made(f"floor-{name}-{drift}-{seed}.rlog", robot, 3.0 * plan.length / 0.3)
+
+
 def semireal(name: str, seed: int) -> Path:
     """Crunch's senses in the building that the laser of `data/NAME` saw, on its path and with its real odometry."""
     data = data_folder()
@@ -68,6 +82,3 @@ def read(path: Path) -> tuple[Log, np.ndarray, np.ndarray]:
     """A simulated recording as a log, with the times (n,) and poses (n, 3) of the truth."""
     times, poses = read_tum(truth_of(path))
     return open_log(path), times, poses
-
-
-__all__ = ["World", "cycle", "data_folder", "read", "semireal", "truth_of"]

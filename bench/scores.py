@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.recordings import CACHE
 from server.formats.logs import Log
+from server.maps import draw_png, floor_map
 from server.replay import Result, run_log
 from server.robots.crunch import CrunchParams
 from slam.evaluate import absolute_error, revisits
@@ -29,9 +30,11 @@ class Score(NamedTuple):
     real_time_factor: float
 
 
-def score(log: Log, times: np.ndarray, truth: np.ndarray, params: CrunchParams, seed: int) -> tuple[Score, Result]:
-    """Map `log` on one thread and compare with the true poses (n, 3) at `times`."""
-    result = run_log(log, params, seed, threads=1)
+def score(
+    log: Log, times: np.ndarray, truth: np.ndarray, params: CrunchParams, seed: int, threads: int = 1
+) -> tuple[Score, Result]:
+    """Map `log` and compare with the true poses (n, 3) at `times`."""
+    result = run_log(log, params, seed, threads)
     matches = associate(result.drive.times, times)
     mapped, odometry = result.trajectory[matches.rows], result.drive.odometry[matches.rows]
     true = truth[matches.reference_rows]
@@ -68,6 +71,13 @@ HEADER = (
     "| revisit error (m) | x real time | not closed |\n"
     "|---|---|---|---|---|---|---|---|---|"
 )
+
+
+def draw(result: Result, path: Path, *headline: str) -> None:
+    """The map as a picture."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    floor = floor_map(result.path, result.drive.walls, int(result.estimate.fixed_depth))
+    path.write_bytes(draw_png(floor, *headline))
 
 
 def keep(name: str, rows: object) -> Path:
