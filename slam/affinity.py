@@ -113,12 +113,12 @@ def point_affinity(labels_a, labels_b, xa, ya, theta_a, xb, yb, theta_b, pattern
     score = 0.0
     for point in range(n_points):
         px, py = pattern.points[point, 0], pattern.points[point, 1]
-        column, row = int(middle_xa + px * scale), int(middle_ya + py * scale)
-        if 0 <= column < size and 0 <= row < size:
-            label_a = labels_a[row, column]
-            column, row = int(middle_xb + cos * px - sin * py), int(middle_yb + sin * px + cos * py)
-            if label_a != 0 and 0 <= column < size and 0 <= row < size:
-                label_b = labels_b[row, column]
+        column, row = middle_xa + px * scale, middle_ya + py * scale
+        if 0.0 <= column < size and 0.0 <= row < size:
+            label_a = labels_a[int(row), int(column)]
+            column, row = middle_xb + cos * px - sin * py, middle_yb + sin * px + cos * py
+            if label_a != 0 and 0.0 <= column < size and 0.0 <= row < size:
+                label_b = labels_b[int(row), int(column)]
                 if label_b != 0:
                     if label_a != label_b:
                         score += pattern.differ

@@ -47,8 +47,11 @@ def trace_ray(grid, pose, angle, tracing):
 
     def samples(start, end):
         """(distance, value) up to `end` or the border."""
-        distances = itertools.takewhile(lambda d: d < end, itertools.accumulate(itertools.repeat(step), initial=start))
-        return list(itertools.takewhile(lambda sample: sample[1] is not None, ((d, value_at(d)) for d in distances)))
+        found, distance = [], start
+        while distance < end and (value := value_at(distance)) is not None:
+            found.append((distance, value))
+            distance += step
+        return found
 
     seen = samples(0.0, tracing.reach)
     first = next((i for i, (_, value) in enumerate(seen) if value > tracing.occupied), len(seen))

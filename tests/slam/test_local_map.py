@@ -84,7 +84,7 @@ def value_at(grid, x, y):
 
 def upright_map(**changes):
     """A local map of one forward-looking beam and its parameters."""
-    params = LocalMapParams(**({"reach": 1.0, "footprint": 0.0} | changes))
+    params = LocalMapParams.model_validate({"reach": 1.0, "footprint": 0.0} | changes)
     return LocalMap(params, {"laser": RingParams(model="beam", bearings_deg=(0.0,), max_range=4.0)})
 
 
