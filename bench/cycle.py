@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 
+from rich.console import Console
 from rich.progress import track
 
 from bench.recordings import cycle, read
@@ -41,7 +42,7 @@ def main() -> None:
             for preset in wanted.preset:
                 jobs = [(seed, drift, preset, wanted.particles) for seed in range(wanted.seeds)]
                 name = f"{drift}, {preset}"
-                scores = list(track(pool.map(run, jobs), description=name, total=len(jobs), transient=True))
+                scores = list(track(pool.map(run, jobs), name, len(jobs), console=Console(stderr=True), transient=True))
                 rows[name] = [s._asdict() for s in scores]
                 print(line(name, scores), flush=True)
     print(keep("cycle", rows))

@@ -15,6 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.progress import track
 
 from bench.recordings import data_folder, read, semireal
@@ -90,7 +91,7 @@ def main() -> None:
                 jobs = [(drive, seed, preset, wanted.particles) for seed in range(wanted.seeds)]
                 name = f"semi-real {drive}, {preset}" if drive != "five" else f"five directions, {preset}"
                 task = semireal_run if drive != "five" else five_directions_run
-                found = list(track(pool.map(task, jobs), description=name, total=len(jobs), transient=True))
+                found = list(track(pool.map(task, jobs), name, len(jobs), console=Console(stderr=True), transient=True))
                 scores = [item if isinstance(item, Score) else item[0] for item in found]
                 rows[name] = [s._asdict() for s in scores]
                 print(line(name, scores), flush=True)
