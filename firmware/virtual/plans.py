@@ -21,7 +21,8 @@ from firmware.virtual.worlds import numbers, read_toml, resolve
 
 BUILT_IN = Path(__file__).resolve().parent / "plans"
 TOML_KEYS = {"name", "title", "world", "speed", "max_turn", "lookahead", "laps", "closed", "waypoints"}
-REACHED = 0.06  # m from a pause or the end
+REACHED = 0.06  # m from a stop
+SHARP = -0.3  # cosine of a turn that is made on the spot
 
 
 class PlanError(ValueError):
@@ -115,7 +116,8 @@ class Leg:
     length: float
     speed: float
     pause: float  # at its end
-    left: float  # m from its end to the next pause or to the end of the plan
+    left: float = 0.0  # m from its end to the next stop
+    stops: bool = False  # at its end: a pause, a turn on the spot, or the end of the plan
 
 
 def legs_of(plan: Plan) -> list[Leg]:
@@ -125,13 +127,20 @@ def legs_of(plan: Plan) -> list[Leg]:
         length = math.hypot(b[0] - a[0], b[1] - a[1])
         if length > 1e-6:
             dx, dy = float(b[0] - a[0]) / length, float(b[1] - a[1]) / length
-            legs.append(Leg(float(a[0]), float(a[1]), dx, dy, length, float(speed), float(pause), 0.0))
+            legs.append(Leg(float(a[0]), float(a[1]), dx, dy, length, float(speed), float(pause)))
         elif legs:
             legs[-1].pause += float(pause)
-    left = 0.0
+    return with_stops(legs)
+
+
+def with_stops(legs: list[Leg]) -> list[Leg]:
+    """The legs, told where the driver must come to a stand and how far that is."""
+    left, after = 0.0, None
     for leg in reversed(legs):
-        leg.left = 0.0 if leg.pause > 0.0 else left
-        left = leg.left + leg.length
+        is_sharp = after is None or leg.dx * after.dx + leg.dy * after.dy < SHARP
+        leg.stops = is_sharp or leg.pause > 0.0
+        leg.left = 0.0 if leg.stops else left
+        left, after = leg.left + leg.length, leg
     return legs
 
 
@@ -169,8 +178,7 @@ class Driver:
             leg = self.legs[self.index]
             self.along, beside = project(leg, x, y)
             remaining = leg.length - self.along
-            is_stop = leg.pause > 0.0 or self.index == len(self.legs) - 1
-            if is_stop:
+            if leg.stops:
                 if remaining > REACHED:
                     return
             elif self.along < leg.length and not (
@@ -187,7 +195,7 @@ class Driver:
     def target(self) -> tuple[float, float]:
         """The point a lookahead along the way, not beyond a stop."""
         index, reach = self.index, self.along + self.plan.lookahead
-        while reach > self.legs[index].length and index + 1 < len(self.legs) and self.legs[index].pause <= 0.0:
+        while reach > self.legs[index].length and not self.legs[index].stops:
             reach -= self.legs[index].length
             index += 1
         leg = self.legs[index]

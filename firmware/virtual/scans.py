@@ -34,19 +34,12 @@ def count_beams(
     return hits, visits, float(x), float(y)
 
 
-def blur(cells: np.ndarray) -> np.ndarray:
-    """Sum over a cell and its neighbours, weights 1 2 1 both ways."""
-    padded = np.pad(cells.astype(float), 1)
-    across = padded[:, :-2] + 2.0 * padded[:, 1:-1] + padded[:, 2:]
-    return across[:-2] + 2.0 * across[1:-1] + across[2:]
-
-
 def world_of_scans(
     poses: np.ndarray, ranges: np.ndarray, bearings: np.ndarray, max_range: float, resolution: float
 ) -> World:
     """World of poses (n, 3), ranges (n, b), bearings (b,): a wall is where a quarter of the beams that came ended.
 
-    Hits and visits are blurred by a cell before they are compared, so that contours are smooth. Raises WorldError.
+    A quarter, because beams that graze a wall pass through many of its cells before they end. Raises WorldError.
     """
     poses, ranges, bearings = (np.ascontiguousarray(array, dtype=float) for array in (poses, ranges, bearings))
     if poses.ndim != 2 or poses.shape[1:] != (3,) or ranges.shape != (len(poses), len(bearings)) or not len(poses):
@@ -55,10 +48,8 @@ def world_of_scans(
             "need (n, 3), (n, b) and (b,)"
         )
     hits, visits, x, y = count_beams(poses, ranges, bearings, max_range, resolution)
-    soft_hits, soft_visits = blur(hits), blur(visits)
-    share = soft_hits / np.maximum(soft_visits, 1.0)
-    enough = soft_hits >= 4.0 * MIN_HITS  # a lone hit on the cell itself weighs 4
-    walls = np.where(enough, np.clip(share * 0.5 / WALL_SHARE, 0.0, 1.0), 0.0)
+    share = hits / np.maximum(visits, 1)
+    walls = np.where(hits >= MIN_HITS, np.clip(share * 0.5 / WALL_SHARE, 0.0, 1.0), 0.0)
     segments = trace_walls(walls, resolution, x, y)
     if not len(segments):
         raise WorldError(f"scans: no walls in {len(poses)} scans below {max_range} m; check units and bearings")

@@ -20,8 +20,8 @@
 #define DULL_ANGLE 0.45           /* and beyond which it does not answer */
 #define EDGE_JUMP 0.10            /* m between neighbouring rays: an edge */
 #define CORNER_COSINE 0.87        /* of the angle between walls that meet in a corner */
-#define EDGE_ECHO 0.5             /* share of echoes that edges give back, */
-#define CORNER_ECHO 0.7           /* and corners, which are retro-reflectors */
+#define EDGE_ECHO 0.6             /* share of echoes that edges give back, */
+#define CORNER_ECHO 0.95          /* and corners, which are retro-reflectors */
 #define LOST_ECHO 0.02
 #define CROSSTALK 0.015
 #define GHOST 0.008
@@ -90,9 +90,11 @@ static double mirrored(double cosine)
     return fmax(0.0, fmin(1.0, (DULL_ANGLE - incidence) / (DULL_ANGLE - MIRROR_ANGLE)));
 }
 
-/* Extra echo where neighbouring rays meet different walls: edges scatter, corners send back. */
-static double scattered(const struct caster *walls, const struct hit *a, const struct hit *b)
+/* Echo from between two neighbouring rays that meet different walls: edges scatter from the nearer one, corners send
+ * back, from their depth. Returns its share and sets its range. */
+static double scattered(const struct caster *walls, const struct hit *a, const struct hit *b, double *range)
 {
+    *range = fmin(a->range, b->range);
     if (a->segment == b->segment)
         return 0.0;
     if (a->segment < 0 || b->segment < 0 || fabs(a->range - b->range) > EDGE_JUMP)
@@ -100,6 +102,7 @@ static double scattered(const struct caster *walls, const struct hit *a, const s
     const struct segment *s = &walls->segments[a->segment], *t = &walls->segments[b->segment];
     const double sx = s->x2 - s->x1, sy = s->y2 - s->y1, tx = t->x2 - t->x1, ty = t->y2 - t->y1;
     const double cosine = fabs(sx * tx + sy * ty) / (hypot(sx, sy) * hypot(tx, ty));
+    *range = fmax(a->range, b->range);
     return cosine < CORNER_COSINE ? CORNER_ECHO : 0.0;
 }
 
@@ -125,30 +128,47 @@ static double floor_echo(struct noise *noise, const struct beam *beam)
     return range;
 }
 
+struct cone { /* the rays of one ping */
+    double angles[SONAR_RAYS];
+    struct hit hits[SONAR_RAYS];
+};
+
+static void cast_cone(const struct caster *walls, const struct beam *beam, struct cone *cone)
+{
+    for (int i = 0; i < SONAR_RAYS; i++) {
+        cone->angles[i] = SONAR_HALF_ANGLE * (2.0 * i / (SONAR_RAYS - 1) - 1.0);
+        const double c = cos(cone->angles[i]), s = sin(cone->angles[i]);
+        cone->hits[i] = caster_ray(walls, beam->x, beam->y, c * beam->dx - s * beam->dy, s * beam->dx + c * beam->dy,
+                                   SONAR_MAX_RANGE);
+    }
+}
+
+/* Draws whether an echo of a share is heard from an angle, and takes it if it is the nearest so far. */
+static void listen(struct noise *noise, double share, double angle, double range, double *nearest)
+{
+    if (share <= 0.0 || !(range < *nearest))
+        return;
+    const double fading = 1.0 - 0.4 * fmax(0.0, range - SONAR_FADE);
+    if (noise_uniform(noise) < share * pattern(angle) * fading)
+        *nearest = range;
+}
+
 /* Nearest echo in the cone. The wall is upright: whatever the lean, the cone's level part meets it first. */
 static double first_echo(struct rangefinders *rangefinders, const struct beam *beam)
 {
-    struct hit hits[SONAR_RAYS];
-    double angles[SONAR_RAYS];
+    struct cone cone;
+    struct noise *noise = &rangefinders->echo;
+    cast_cone(rangefinders->walls, beam, &cone);
+    double nearest = floor_echo(noise, beam);
     for (int i = 0; i < SONAR_RAYS; i++) {
-        angles[i] = SONAR_HALF_ANGLE * (2.0 * i / (SONAR_RAYS - 1) - 1.0);
-        const double c = cos(angles[i]), s = sin(angles[i]);
-        hits[i] = caster_ray(rangefinders->walls, beam->x, beam->y, c * beam->dx - s * beam->dy,
-                             s * beam->dx + c * beam->dy, SONAR_MAX_RANGE);
-    }
-    double nearest = floor_echo(&rangefinders->echo, beam);
-    for (int i = 0; i < SONAR_RAYS; i++) {
-        if (hits[i].segment < 0)
+        const double angle = hypot(cone.angles[i], beam->elevation);
+        if (cone.hits[i].segment >= 0)
+            listen(noise, mirrored(cone.hits[i].cosine), angle, cone.hits[i].range, &nearest);
+        if (i == 0)
             continue;
-        double back = mirrored(hits[i].cosine);
-        if (i > 0)
-            back = fmax(back, scattered(rangefinders->walls, &hits[i], &hits[i - 1]));
-        if (i + 1 < SONAR_RAYS)
-            back = fmax(back, scattered(rangefinders->walls, &hits[i], &hits[i + 1]));
-        const double fading = 1.0 - 0.4 * fmax(0.0, hits[i].range - SONAR_FADE);
-        const double strength = back * pattern(hypot(angles[i], beam->elevation)) * fading;
-        if (hits[i].range < nearest && noise_uniform(&rangefinders->echo) < strength)
-            nearest = hits[i].range;
+        double range;
+        const double share = scattered(rangefinders->walls, &cone.hits[i - 1], &cone.hits[i], &range);
+        listen(noise, share, angle, range, &nearest);
     }
     return nearest;
 }
