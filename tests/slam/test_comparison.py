@@ -1,0 +1,163 @@
+"""Comparison: the nearest earlier vertices are those that sorting finds, and what is kept of a vertex stays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slam.comparison import ComparisonParams, Observations, keep_nearest, pair_affinity, path_affinity
+from tests.naive import affinity as naive_affinity
+from tests.naive import comparison as naive
+from tests.naive.walls import cast, rectangle
+
+ROOM = np.vstack([rectangle(0.0, 0.0, 3.2, 2.4), rectangle(0.0, 0.0, 0.8, 0.5)])
+REACH, N_RAYS = 1.0, 60
+
+
+def params_of(kind="points", **changes):
+    """Comparison parameters that do not follow the defaults."""
+    affinity = {"kind": kind, "states": 3, "n_points": 32, "spread": 0.6, "gain": 3.0, "label_cell": 0.05}
+    return ComparisonParams.model_validate({"neighbours": 3, "range": 0.8, "gap": 5, "affinity": affinity} | changes)
+
+
+def wandering(seed, n=40):
+    """A path (n, 3) that keeps coming back."""
+    rng = np.random.default_rng(seed)
+    turns = rng.uniform(-0.9, 0.9, n).cumsum()
+    steps = 0.4 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return np.column_stack([1.4 * np.sin(steps.cumsum(axis=0)), turns])
+
+
+def observed(path, params):
+    """Walls of each vertex and the observations made of them."""
+    walls = [cast(pose, ROOM, N_RAYS, REACH) for pose in path]
+    observations = Observations(params, REACH)
+    for seen in walls:
+        observations.add(seen)
+    return walls, observations
+
+
+@settings(max_examples=200)
+@given(st.lists(st.floats(0.0, 10.0), max_size=30), st.integers(1, 6))
+def test_keeping_the_nearest_is_sorting(squares, n_kept):
+    near, where = np.full(n_kept, np.nan), np.full(n_kept, -1)
+    found = 0
+    for item, square in enumerate(squares):
+        found = keep_nearest(near, where, found, square, item)
+    expected = sorted(range(len(squares)), key=lambda item: squares[item])[:n_kept]  # of equals the first come first
+    assert found == len(expected)
+    assert where[:found].tolist() == expected
+    assert near[:found].tolist() == [squares[item] for item in expected]
+
+
+@pytest.mark.parametrize("kind", ["points", "segments"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_paths_affinity_agrees_with_comparing_everything(kind, seed):
+    params, path = params_of(kind), wandering(seed)
+    walls, observations = observed(path, params)
+    believed = wandering(seed + 10)
+    rule = observations.rule
+
+    def score(a, b):
+        if kind == "points":
+            labels = observations.labels
+            mean = naive_affinity.point_affinity(labels[a], labels[b], believed[a], believed[b], rule.pattern)
+        else:
+            scale = params.affinity.segment_scale
+            mean = naive_affinity.segment_affinity(walls[a], walls[b], believed[a], believed[b], scale)
+        return params.affinity.gain * mean
+
+    for first in (0, 17):
+        expected = naive.path_affinity(believed, first, rule, score)
+        found = path_affinity(believed, first, observations.labels, observations.segments, rule)
+        assert found == pytest.approx(expected, abs=1e-9)
+        assert abs(expected) > 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_affinity_is_additive_over_vertices(seed):
+    path = wandering(seed)
+    _, observations = observed(path, params_of())
+    labels, segments, rule = observations.labels, observations.segments, observations.rule
+    whole = path_affinity(path, 0, labels, segments, rule)
+    for cut in (3, 11, 30):
+        parts = path_affinity(path[:cut], 0, labels, segments, rule) + path_affinity(path, cut, labels, segments, rule)
+        assert parts == pytest.approx(whole, abs=1e-9)
+
+
+def pair_of(observations, a, pose_a, b, pose_b):
+    xa, ya, theta_a = pose_a
+    xb, yb, theta_b = pose_b
+    return pair_affinity(observations.labels, observations.segments, observations.rule,
+                         a, xa, ya, theta_a, b, xb, yb, theta_b)  # fmt: skip
+
+
+@pytest.mark.parametrize(("vertices", "is_compared"), [(4, False), (5, False), (6, True), (9, True)])
+def test_vertices_too_near_on_the_path_are_not_compared(vertices, is_compared):
+    """All vertices stand at one place; with a gap of 5 the sixth is the first to be compared with the first."""
+    path = np.zeros((vertices, 3))
+    _, observations = observed(path, params_of(gap=5, neighbours=8))
+    found = path_affinity(path, 0, observations.labels, observations.segments, observations.rule)
+    pairs = sum(max(0, newest - 5 + 1) for newest in range(vertices))
+    assert (found != 0.0) == is_compared
+    assert found == pytest.approx(pairs * pair_of(observations, 0, (0.0, 0.0, 0.0), 1, (0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize(("distance", "is_compared"), [(0.0, True), (0.79, True), (0.81, False), (30.0, False)])
+def test_vertices_too_far_apart_are_not_compared(distance, is_compared):
+    path = np.zeros((6, 3))
+    path[1:5, 1] = 50.0
+    path[5, 0] = distance
+    _, observations = observed(np.zeros((6, 3)), params_of(gap=5, range=0.8))
+    found = path_affinity(path, 0, observations.labels, observations.segments, observations.rule)
+    assert (found != 0.0) == is_compared
+
+
+def test_only_the_nearest_few_count():
+    path = np.zeros((12, 3))
+    path[:7, 0] = 0.1 * np.arange(7)
+    path[7:11, 1] = 50.0
+    _, observations = observed(np.zeros((12, 3)), params_of(neighbours=3))
+    expected = sum(pair_of(observations, 11, path[11], other, path[other]) for other in (0, 1, 2))
+    found = path_affinity(path, 11, observations.labels, observations.segments, observations.rule)
+    assert found == pytest.approx(expected)
+
+
+def test_a_greater_gain_is_a_proportional_weight():
+    path = wandering(4)
+    totals = []
+    for gain in (1.0, 4.0):
+        affinity = params_of().affinity.model_copy(update={"gain": gain})
+        _, observations = observed(path, params_of(affinity=affinity))
+        totals.append(path_affinity(path, 0, observations.labels, observations.segments, observations.rule))
+    assert totals[1] == pytest.approx(4.0 * totals[0])
+    assert totals[0] > 0.0
+
+
+@pytest.mark.parametrize("kind", ["points", "segments"])
+def test_what_was_kept_stays_when_the_store_grows(kind):
+    rng = np.random.default_rng(5)
+    poses = rng.uniform(-0.2, 0.2, (150, 3)) + [0.0, 0.8, 0.0]
+    _, observations = observed(poses[:60], params_of(kind))
+    kept = observations.labels if kind == "points" else observations.segments
+    before, capacity = kept[:60].copy(), len(kept)
+    for pose in poses[60:]:
+        observations.add(cast(pose, ROOM, N_RAYS, REACH))
+    kept = observations.labels if kind == "points" else observations.segments
+    assert observations.n_vertices == 150
+    assert len(kept) >= 150 > capacity
+    np.testing.assert_array_equal(kept[:60], before)
+    _, alone = observed(poses[140:], params_of(kind))
+    np.testing.assert_array_equal(kept[140:150], (alone.labels if kind == "points" else alone.segments)[:10])
+
+
+def test_the_raster_holds_the_reach_and_the_walls_behind_it():
+    for reach in (1.0, 2.0, 3.3):
+        observations = Observations(params_of(), reach)
+        assert observations.size * 0.05 >= 2.0 * (reach + params_of().affinity.wall_thickness)
+        sigma = params_of().affinity.spread * reach
+        assert math.isclose(observations.rule.pattern.points.std(), sigma, rel_tol=0.1)
