@@ -7,13 +7,16 @@ Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, t
 from __future__ import annotations
 
 import json
+import os
 import sys
+import traceback
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from server.errors import UserError
 from server.terminal import (
     complain,
     folders_for,
@@ -172,7 +175,6 @@ def replay(
     OUT then holds trajectory.tum, map.png, map.pgm with map.yaml, map.json, path.g2o, profile.csv and report.json
     (docs/outputs.md).
     """
-    from server.errors import UserError
     from server.replay import Options, open_log
     from server.replay import replay as run
 
@@ -216,7 +218,6 @@ def simulate(
     driven in it, odometry is the log's own, and the sensors are the virtual robot's.
     """
     from server.config import check_robot, load
-    from server.errors import UserError
     from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal
 
     check_robot(robot)
@@ -273,27 +274,29 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def run(arguments: list[str], is_debug: bool) -> int:
-    """The exit code of one command; an error is one line, unless its traceback is wanted."""
-    from server.errors import UserError
-
+    """The exit code of one command; an error is one line, after its traceback if that is wanted."""
     try:
         code = app(arguments or ["--help"], prog_name="crunch", standalone_mode=False)
         return code if isinstance(code, int) else 0
-    except UsageError as error:
-        command = error.ctx.command_path if error.ctx else "crunch"
-        return complain(f"{error.format_message()} (see `{command} --help`)", 2)
-    except (UserError, CommandError) as error:
-        if is_debug:
-            raise
-        return complain(str(error), 2)
     except (KeyboardInterrupt, typer.Abort):
         return complain("stopped", 130)
-    except BrokenPipeError:
+    except BrokenPipeError:  # whoever read the output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as error:
         if is_debug:
-            raise
-        return complain(f"internal error, {type(error).__name__}: {error} (run again with --debug and report it)", 1)
+            traceback.print_exc()
+        return tell(error)
+
+
+def tell(error: Any) -> int:
+    """Complain about an error in the words that fit its kind; exit code."""
+    if isinstance(error, UsageError):
+        command = error.ctx.command_path if error.ctx else "crunch"
+        return complain(f"{error.format_message()} (see `{command} --help`)", 2)
+    if isinstance(error, (UserError, CommandError)):
+        return complain(str(error), 2)
+    return complain(f"internal error, {type(error).__name__}: {error} (run again with --debug and report it)", 1)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """The web server: REST documents, the live stream with the page's commands, and the page itself.
 
 Sees snapshots and a status, never a robot: the session behind it is a `Cockpit`. What may move the robot is decided by
-`control`, who may connect by `guard`. Nothing is fetched from elsewhere, the documentation page included.
+`control`, who may connect by `guard`. Nothing is fetched from elsewhere, the documentation page included. Uses its
+siblings `dashboard`, `guard`, `maps`, `stream` and `views`.
 """
 
 from __future__ import annotations

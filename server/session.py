@@ -1,7 +1,8 @@
 """One connection to one robot: bytes in, effects out, and the account of what the link lost on the way.
 
 The same object serves live, replay and simulation. It asks no clock, awaits nothing and opens no file: times come in
-with the bytes, in seconds since the session's start, and whoever wants a recording hands in a sink.
+with the bytes, in seconds since the session's start, and whoever wants a recording hands in a sink. Uses its sibling
+`health`.
 """
 
 from __future__ import annotations

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import typer
 
+from server.errors import UserError
+
 if TYPE_CHECKING:
     from server.config import Config
     from server.live import LiveOptions
@@ -79,8 +81,6 @@ def live_options(config: Config, host: str | None, port: int | None, opens_brows
 
 def known_drift(name: str) -> Drift:
     """The level of drift; UserError where there is none of that name."""
-    from server.errors import UserError
-
     if name not in DRIFTS:
         raise UserError(f"drift `{name}` is unknown; choose {', '.join(DRIFTS)}")
     return cast(Drift, name)

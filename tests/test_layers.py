@@ -1,0 +1,146 @@
+"""Who may import whom: a file imports from lower layers, or from a sibling of its own that its docstring names.
+
+The tables are the architecture. A new file gets a place in them; an import that points upwards is a mistake in the
+design, not in the table.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("slam", "slam.grid", "slam.params", "slam.pose"),
+    (
+        "slam.affinity", "slam.comparison", "slam.counter_random", "slam.distance_field", "slam.evaluate",
+        "slam.local_map", "slam.motion", "slam.path_tree", "slam.rangefinder", "slam.resampling", "slam.timeline",
+        "slam.trajectory", "slam.vfh", "slam.walls",
+    ),
+    (
+        "slam.local_search", "slam.path_filter", "server", "server.channels", "server.clock", "server.errors",
+        "server.formats", "server.formats.atomic", "server.formats.carmen", "server.formats.errors",
+        "server.formats.g2o", "server.formats.logs", "server.formats.relations", "server.formats.ros_map",
+        "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
+        "server.recording", "server.transport",
+    ),
+    ("server.robots", "server.robots.crunch", "server.robots.odometry"),
+    (
+        "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health",
+        "server.session",
+    ),
+    (
+        "server.api", "server.dashboard", "server.guard", "server.maps", "server.report", "server.score",
+        "server.stream", "server.views",
+    ),
+    ("server.bridge", "server.live", "server.recorded", "server.replay", "server.simulate"),
+    ("server.__main__", "server.terminal"),
+)  # fmt: skip
+LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
+PACKAGES = ("slam", "server", "firmware", "bench", "tests", "docs")
+VIRTUAL_USERS = ("server.live", "server.simulate", "server.transport")  # who may start the virtual robot
+
+
+def files_of(package: str) -> list[Path]:
+    """The package's Python files."""
+    return [path for path in sorted((ROOT / package).rglob("*.py")) if "__pycache__" not in path.parts]
+
+
+def name_of(path: Path) -> str:
+    """The module's dotted name."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def is_module(name: str) -> bool:
+    """Whether one of our files has this dotted name."""
+    path = ROOT / Path(*name.split("."))
+    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
+
+
+def imports_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and module of everything of ours that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: imports are written in full"
+            base = node.module or ""
+            for alias in node.names:
+                yield node.lineno, f"{base}.{alias.name}" if is_module(f"{base}.{alias.name}") else base
+
+
+def ours(path: Path) -> list[tuple[int, str]]:
+    """Imports from this project."""
+    return [(line, module) for line, module in imports_of(path) if module.split(".")[0] in PACKAGES]
+
+
+LAYERED = [path for package in ("slam", "server") for path in files_of(package)]
+
+
+def test_every_file_has_its_layer_and_every_layer_its_files():
+    assert {name_of(path) for path in LAYERED} == set(LAYER_OF)
+
+
+@pytest.mark.parametrize("path", LAYERED, ids=name_of)
+def test_imports_point_downwards(path):
+    own = name_of(path)
+    docstring = ast.get_docstring(ast.parse(path.read_text())) or ""
+    for line, module in ours(path):
+        place = f"{path.relative_to(ROOT)}:{line}: imports {module}"
+        if module.startswith("firmware"):
+            assert own in VIRTUAL_USERS, f"{place}, which only those who start the virtual robot may"
+            continue
+        assert module in LAYER_OF, f"{place}, which has no layer"
+        is_sibling = LAYER_OF[module] == LAYER_OF[own]
+        assert LAYER_OF[module] <= LAYER_OF[own], f"{place} from a higher layer"
+        in_lowest = LAYER_OF[own] <= 2  # libraries: a layer of theirs is many rooms that see each other
+        if is_sibling and not in_lowest and module not in ("server.robots",):
+            assert f"`{module.rpartition('.')[2]}`" in docstring, f"{place}, a sibling that its docstring does not name"
+
+
+def test_slam_stands_alone():
+    for path in files_of("slam"):
+        for line, module in ours(path):
+            assert module.split(".")[0] == "slam", f"{path.relative_to(ROOT)}:{line}: imports {module}"
+
+
+def test_the_virtual_robot_knows_only_its_own():
+    for path in files_of("firmware"):
+        for line, module in ours(path):
+            assert module.split(".")[0] == "firmware", f"{path.relative_to(ROOT)}:{line}: imports {module}"
+
+
+def test_asyncio_stays_at_the_edge():
+    edge = {"server.api", "server.bridge", "server.dashboard", "server.estimator", "server.live", "server.stream",
+            "server.transport"}  # fmt: skip
+    users = {name_of(path) for path in LAYERED for _, module in imports_of(path) if module.split(".")[0] == "asyncio"}
+    assert users <= edge
+
+
+def test_imports_run_in_no_circle():
+    graph = {name_of(path): {module for _, module in ours(path)} - {name_of(path)} for path in LAYERED}
+    done: set[str] = set()
+
+    def visit(module: str, above: tuple[str, ...]) -> None:
+        assert module not in above, f"a circle: {' -> '.join((*above, module))}"
+        if module not in done:
+            for below in sorted(graph.get(module, set())):
+                visit(below, (*above, module))
+            done.add(module)
+
+    sys.setrecursionlimit(max(sys.getrecursionlimit(), 10_000))
+    for module in graph:
+        visit(module, ())
+
+
+def test_what_is_pure_asks_no_clock_and_no_global_chance():
+    pure = [*files_of("slam"), *files_of("server/robots"), ROOT / "server" / "session.py"]
+    for path in pure:
+        for line, module in imports_of(path):
+            assert module.split(".")[0] not in ("time", "datetime", "random"), f"{path.relative_to(ROOT)}:{line}"
