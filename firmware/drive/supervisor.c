@@ -9,7 +9,7 @@
 #define STALL_MS 400
 #define MAX_CURRENT_MA 5000
 #define CURRENT_MS 20
-#define RAIL_STEPS 4         /* 20 ms */
+#define RAIL_STEPS 20        /* 100 ms: a hard knock takes a sound gyro there for less */
 #define EMPTY_BATTERY_MV 24000
 #define CHARGER_MV 5000
 
@@ -119,7 +119,10 @@ static void judge_hazards(struct supervisor *supervisor, const struct drive_heal
     supervisor->saturated_ms = lasting(supervisor->saturated_ms, health->duty > SATURATED_DUTY);
     supervisor->stuck_ms = lasting(supervisor->stuck_ms, is_stuck);
     supervisor->current_ms = lasting(supervisor->current_ms, health->motor_ma > MAX_CURRENT_MA);
-    if (!is_within(health->tilt, SUPERVISOR_FALL_TILT))
+    /* A fast fall takes the gyro to its rail and the motors to their limit first: it is called by its name. */
+    const bool is_helpless = health->rail_steps >= RAIL_STEPS || supervisor->saturated_ms >= STALL_MS;
+    const bool is_falling = is_helpless && !is_within(health->tilt, SUPERVISOR_LOST_TILT);
+    if (is_falling || !is_within(health->tilt, SUPERVISOR_FALL_TILT))
         switch_off(supervisor, DRIVE_FALLEN, STOP_FELL);
     else if (health->rail_steps >= RAIL_STEPS)
         switch_off(supervisor, DRIVE_FAULT, STOP_SENSOR);

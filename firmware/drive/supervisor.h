@@ -4,12 +4,13 @@
  *
  * | hazard         | rule                                                                                    |
  * | arming         | asked for, held still for 1 s, then upright within 0.2 rad for 0.4 s                    |
- * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again           |
+ * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again. Beyond   |
+ * |                | 0.25 rad, too, where motors or gyro are at their limit                                  |
  * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
  * | stall          | duty above 0.95, or above 0.3 with the wheels still, for 0.4 s: off                     |
  * | over-current   | a motor above 5 A for 20 ms: off                                                        |
  * | battery        | below 24 V no moves; charger connected: no moves                                        |
- * | sensor dead    | gyro or accelerometer at an end of its range for 20 ms: off                             |
+ * | sensor dead    | gyro or accelerometer at an end of its range for 100 ms: off                            |
  */
 #ifndef CRUNCH_DRIVE_SUPERVISOR_H
 #define CRUNCH_DRIVE_SUPERVISOR_H
@@ -19,6 +20,7 @@
 #define SUPERVISOR_STEP_MS 5
 #define SUPERVISOR_LINK_MS 400
 #define SUPERVISOR_FALL_TILT 0.7f /* rad */
+#define SUPERVISOR_LOST_TILT 0.25f
 #define SUPERVISOR_ARM_TILT 0.2f
 #define SUPERVISOR_ARM_MS 400
 

@@ -3,6 +3,7 @@
 
 #define TIME_CONSTANT 3.0f   /* s; test before changing: 1 s falls */
 #define TRIM_TIME 30.0f      /* s; how slowly the gyro's zero follows */
+#define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
 #define STILL_STEPS 200      /* 1 s */
 #define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
 #define RAIL_LOW (4u * TILT_OVERSAMPLING)
@@ -32,6 +33,7 @@ void tilt_init(struct tilt *tilt)
     tilt->rate = 0.0f;
     tilt->gyro_zero = 0.0f;
     tilt->rail_steps = 0;
+    tilt->is_rested = false;
     start_rest(tilt, 0.0f);
 }
 
@@ -65,16 +67,20 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
         tilt->rest_low = rate;
     if (rate > tilt->rest_high)
         tilt->rest_high = rate;
-    if (tilt->rest_steps == 0 || tilt->rest_high - tilt->rest_low > STILL_SPREAD)
+    if (tilt->rest_high - tilt->rest_low > STILL_SPREAD) {
+        tilt->is_rested = false;
         start_rest(tilt, rate);
+    }
     tilt->rest_sum += rate;
     tilt->rest_steps++;
     if (tilt->rest_steps == STILL_STEPS) {
         tilt->gyro_zero = tilt->rest_sum / (float)STILL_STEPS;
-        tilt->angle = tilt_of_gravity(sums);
+        if (!tilt->is_rested)
+            tilt->angle = tilt_of_gravity(sums);
+        tilt->is_rested = true;
+        start_rest(tilt, rate); /* and learn on, second by second */
     }
-    if (tilt->rest_steps < STILL_STEPS)
-        return false;
-    tilt->rest_steps = STILL_STEPS + 1; /* stays known until the body moves */
-    return true;
+    if (tilt->is_rested) /* a still body leans as gravity says, however it came there */
+        tilt->angle += (tilt_of_gravity(sums) - tilt->angle) * (TILT_DT / REST_TIME_CONSTANT);
+    return tilt->is_rested;
 }

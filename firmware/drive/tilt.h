@@ -34,6 +34,7 @@ struct tilt {
     uint16_t rest_steps; /* over so many steps */
     float rest_low;      /* extremes of the raw rate in this rest */
     float rest_high;
+    bool is_rested;      /* the zero is learned, and the body has been still since */
     uint16_t rail_steps; /* steps in a row with a sensor at an end of its range */
 };
 

@@ -169,6 +169,8 @@ void drive_board_step(struct drive_board *drive)
     const bool was_balancing = supervisor_is_balancing(&drive->supervisor);
     tilt_step(&drive->tilt, &drive->sums);
     const bool is_rested = !was_balancing && tilt_rest(&drive->tilt, &drive->sums);
+    if (was_balancing)
+        drive->tilt.is_rested = false;
     const struct rolled rolled =
         odometry_step(&drive->odometry, drive->left_ticks, drive->right_ticks, drive->tilt.rate);
     const struct drive_health health = health_of(drive, is_rested, &rolled);

@@ -36,7 +36,7 @@ class CompilerError(RuntimeError):
 class Native(NamedTuple):
     """cffi's two halves, and the low bits of the sources' hash, which the boards report as their build."""
 
-    ffi: FFI
+    ffi: Any  # an FFI; its structures' fields are known to the C headers only
     lib: Any
     build: int
 

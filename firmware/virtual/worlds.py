@@ -92,7 +92,9 @@ class World:
         (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
         return float(left), float(bottom), float(right), float(top)
 
-    def cast(self, x: np.ndarray, y: np.ndarray, bearings: np.ndarray, reach: float = 100.0) -> np.ndarray:
+    def cast(
+        self, x: np.ndarray | float, y: np.ndarray | float, bearings: np.ndarray | float, reach: float = 100.0
+    ) -> np.ndarray:
         """Ranges to the first wall, inf beyond `reach`; the arguments broadcast against each other."""
         ffi, lib, _ = native()
         rays = np.ascontiguousarray(np.stack(np.broadcast_arrays(x, y, bearings), axis=-1), dtype=float)

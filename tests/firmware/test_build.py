@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -24,7 +25,17 @@ def test_c_compiles_without_warnings(path, tmp_path):
 @pytest.mark.skipif(shutil.which("avr-gcc") is None, reason="no avr-gcc here")
 @pytest.mark.parametrize("path", [p for p in sources() if p.parent.name in PURE], ids=lambda path: path.name)
 def test_firmware_compiles_for_the_microcontroller(path, tmp_path):
-    command = ["avr-gcc", "-mmcu=atmega32", "-std=c11", "-Os", *WARNINGS, "-c", str(path), "-o", str(tmp_path / "object")]
+    command = [
+        "avr-gcc",
+        "-mmcu=atmega32",
+        "-std=c11",
+        "-Os",
+        *WARNINGS,
+        "-c",
+        str(path),
+        "-o",
+        str(tmp_path / "object"),
+    ]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
 
@@ -69,3 +80,16 @@ def test_a_broken_source_is_named(monkeypatch, tmp_path):
     with pytest.raises(CompilerError, match=r"broken\.c:1:"):
         compile_into(tmp_path / "cache" / "crunch.so")
     assert not list((tmp_path / "cache").glob("*.so"))
+
+
+def test_processes_may_build_at_the_same_time(tmp_path):
+    code = (
+        "import platformdirs; platformdirs.user_cache_dir = lambda name: %r\n"
+        "from firmware.virtual import VirtualCrunch, load_world\n"
+        "print(len(VirtualCrunch(load_world('demo')).advance(1.0)))"
+    ) % str(tmp_path)
+    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    said = [process.communicate()[0] for process in running]
+    assert [process.returncode for process in running] == [0, 0, 0]
+    assert len(set(said)) == 1
+    assert sorted(path.suffix for path in (tmp_path / "firmware").iterdir()) == [".h", ".h", ".so"]

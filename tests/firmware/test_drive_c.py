@@ -79,6 +79,9 @@ def test_rest_learns_the_gyros_zero_in_a_second_and_motion_starts_it_again():
     assert tilt.gyro_zero == pytest.approx(8 * 0.00681769, rel=0.01)
     assert tilt.angle == pytest.approx(0.1, abs=0.003)
     assert LIB.tilt_rest(tilt, still)
+    for _ in range(200):  # set up so slowly that no gyro shows it
+        assert LIB.tilt_rest(tilt, sums(lean=0.0, zero=520.0))
+    assert tilt.angle == pytest.approx(0.0, abs=0.005)
     assert not LIB.tilt_rest(tilt, sums(rate=0.5))
 
 
@@ -92,7 +95,9 @@ def test_a_sensor_at_its_rail_is_counted():
     assert tilt.rail_steps == 0
 
 
-@given(st.lists(st.tuples(st.integers(-200, 200), st.integers(-200, 200)), min_size=1, max_size=50), st.integers(0, 65535))
+@given(
+    st.lists(st.tuples(st.integers(-200, 200), st.integers(-200, 200)), min_size=1, max_size=50), st.integers(0, 65535)
+)
 def test_odometry_adds_up_across_the_counters_wrap(moves, start):
     odometry = FFI.new("struct odometry *")
     LIB.odometry_init(odometry, start, start)
@@ -209,6 +214,13 @@ def test_a_fall_is_latched_until_armed_again():
     assert steps(made, 80)
 
 
+@pytest.mark.parametrize("limit", [{"duty": 1.0}, {"rail_steps": 20}])
+def test_what_is_helpless_and_leans_is_falling(limit):
+    made = supervisor(ARMED)
+    assert not steps(made, 80, tilt=0.3, **limit)
+    assert (made.state, made.reason) == (FALLEN, FELL)
+
+
 def test_silence_stops_the_drive_but_not_the_balance():
     made = supervisor(ARMED)
     obey(made, DRIVE, 0.3, 0.5)
@@ -235,7 +247,7 @@ def test_refused_commands_are_counted_and_change_nothing():
         ({"duty": 0.96}, 400, STALL),
         ({"duty": 0.5, "wheel_speed": 0.0}, 400, STALL),
         ({"motor_ma": 6000}, 20, CURRENT),
-        ({"rail_steps": 4}, 5, SENSOR),
+        ({"rail_steps": 20}, 5, SENSOR),
     ],
 )
 def test_hazards_switch_off_in_time(values, milliseconds, reason):

@@ -27,7 +27,7 @@ def test_rays_and_clearances_agree_with_their_slow_twins():
     x, y = rng.uniform(-2.0, 10.0, (2, 300))
     bearings = np.concatenate([rng.uniform(-np.pi, np.pi, 260), np.arange(40) * np.pi / 2])
     ranges = world.cast(x, y, bearings, 6.0)
-    expected = [naive.cast(world.segments, *ray, 6.0) for ray in zip(x, y, bearings, strict=True)]
+    expected = [naive.cast(world.segments, a, b, c, 6.0) for a, b, c in zip(x, y, bearings, strict=True)]
     np.testing.assert_allclose(ranges, expected, atol=1e-9)
     clearances = world.clearances(np.column_stack([x, y]), 20.0)
     expected = [naive.clearance(world.segments, *point) for point in zip(x, y, strict=True)]
