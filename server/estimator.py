@@ -76,19 +76,16 @@ class InlineEstimator:
         self.deliver = deliver
         self.shown = shown
         self.vertices = 0
-        self.n_particles = 0
 
     def submit(self, keyframe: Keyframe) -> None:
         """Extend the filter and deliver its estimate before returning."""
         self.path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         self.vertices += 1
-        estimate = estimate_of(self.path_filter, keyframe.t, self.shown)
-        self.n_particles = estimate.n_particles
-        self.deliver(estimate)
+        self.deliver(estimate_of(self.path_filter, keyframe.t, self.shown))
 
     def status(self) -> EstimatorStatus:
         """Always idle between two calls."""
-        n = self.n_particles
+        n = self.path_filter.n_particles
         return EstimatorStatus("idle", self.vertices, 0, n, n, 0, 0.0, 0.0, "")
 
 

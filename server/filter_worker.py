@@ -23,6 +23,11 @@ IDLE_BEAT = 0.2  # s between two beats of a worker without work
 class PathFilterLike(Protocol):
     """What an estimator of paths can do; `slam.path_filter.PathFilter` is one."""
 
+    @property
+    def n_particles(self) -> int:
+        """How many particles there are now."""
+        ...
+
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float) -> None:
         """Add a vertex: pose (3,) in the odometry frame, the walls seen there, m of path since the last one."""
         ...

@@ -1,0 +1,140 @@
+"""A whole session by hand: the virtual robot obeys who may drive it, stands when nobody does, and a map grows."""
+
+import math
+
+import numpy as np
+import pytest
+
+from server.control import DriveWord, GoalWord, HoldWord, PlainWord, Refused
+from server.stream import Viewer, decode
+from tests.server.live_session import HandSession
+
+
+def drive(session: HandSession, speed: float, turn: float = 0.0) -> None:
+    """One word of a driver in front of the present picture."""
+    word = DriveWord(type="drive", speed=speed, turn=turn, seen=session.bridge.t)
+    session.bridge.hear("anna", word)
+
+
+def drive_for(session: HandSession, seconds: float, speed: float, turn: float = 0.0) -> None:
+    """A held key: a word every 80 ms."""
+    for _ in range(round(seconds / 0.08)):
+        drive(session, speed, turn)
+        session.advance(0.08)
+
+
+def moved(session: HandSession, seconds: float) -> float:
+    """Metres that the robot truly goes while time passes."""
+    before = session.virtual.pose[:2]
+    session.advance(seconds)
+    return float(np.hypot(*(session.virtual.pose[:2] - before)))
+
+
+def test_held_key_drives_and_silence_stops():
+    session = HandSession()
+    drive_for(session, 3.0, 0.3)
+    x, y, _ = session.virtual.pose
+    assert x > 0.5
+    assert abs(y) < 0.3
+    session.advance(3.5)  # the lease, and the time that a balancing body needs to come to rest
+    assert moved(session, 2.0) < 0.1
+
+
+def test_stop_of_another_viewer_holds_although_the_key_is_still_down():
+    session = HandSession()
+    drive_for(session, 2.0, 0.3)
+    session.bridge.hear("ben", PlainWord(type="stop"))
+    for _ in range(10):
+        with pytest.raises(Refused):
+            drive(session, 0.3)
+        session.advance(0.1)
+    session.advance(2.5)
+    assert moved(session, 2.0) < 0.1
+    assert session.bridge.status().driver.stopped_by == "ben"
+
+
+def test_goal_is_reached_by_the_histogram_while_the_driver_watches():
+    session = HandSession()
+    session.advance(1.0)
+    session.bridge.hear("anna", GoalWord(type="goal", x=1.2, y=0.8, seen=session.bridge.t))
+    for _ in range(250):
+        session.bridge.hear("anna", HoldWord(type="hold", seen=session.bridge.t))
+        session.advance(0.1)
+        if session.bridge.look().goal is None:
+            break
+    assert session.bridge.look().goal is None, "it arrived"
+    x, y, _ = session.bridge.look().pose
+    assert math.hypot(x - 1.2, y - 0.8) < 0.5
+    x, y, _ = session.virtual.pose
+    assert math.hypot(x - 1.2, y - 0.8) < 0.6
+
+
+def test_goal_ends_when_the_driver_leaves():
+    session = HandSession()
+    session.bridge.hear("anna", GoalWord(type="goal", x=2.5, y=0.0, seen=session.bridge.t))
+    session.advance(0.2)
+    session.bridge.left("anna")
+    session.advance(0.1)
+    assert session.bridge.look().goal is None
+
+
+def test_the_robots_own_steering_speaks_no_faster_than_the_radio_bears():
+    session = HandSession()
+    session.advance(0.5)
+    session.bridge.hear("anna", GoalWord(type="goal", x=2.0, y=1.0, seen=session.bridge.t))
+    before = session.bridge.session.sequence
+    for _ in range(20):
+        session.bridge.hear("anna", HoldWord(type="hold", seen=session.bridge.t))
+        session.advance(0.1)
+    assert 10 <= (session.bridge.session.sequence - before) % 256 <= 24, "about ten a second"
+
+
+def test_halt_stands_the_robot_still_whatever_was_wished():
+    session = HandSession()
+    drive_for(session, 1.0, 0.3)
+    session.bridge.halt()
+    session.advance(3.5)
+    assert moved(session, 2.0) < 0.1
+
+
+def test_map_grows_and_is_published_when_it_changes():
+    session = HandSession()
+    sent: list[tuple[str, dict, dict]] = []
+
+    async def never(_: bytes) -> None:
+        raise AssertionError("nothing is sent by hand")
+
+    class Notebook(Viewer):
+        def put(self, topic: str, body: bytes) -> None:
+            _, header, arrays = decode(b"\0\0\0\0" + body)
+            sent.append((topic, header, arrays))
+
+    session.bridge.hub.join(Notebook("viewer-9", never))
+    for _ in range(60):
+        drive_for(session, 0.1, 0.3, 0.3)
+        session.bridge.publish()
+    status = session.bridge.status()
+    assert status.map.vertices >= 2
+    assert status.map.vertices == len(session.bridge.look().path)
+    maps = [(header, arrays) for topic, header, arrays in sent if topic == "map"]
+    sizes = [len(arrays["path"]) for _, arrays in maps]
+    assert sizes == sorted(sizes)
+    assert len(maps) <= status.map.vertices + 1, "only when it changed"
+    assert maps[-1][1]["lengths"].sum() == len(maps[-1][1]["points"]) > 0
+    assert {"pose", "histogram", "local", "map", "status"} <= {topic for topic, _, _ in sent}
+
+
+def test_status_tells_link_battery_and_filter():
+    session = HandSession()
+    session.advance(2.5)
+    status = session.bridge.status()
+    assert status.link.connected
+    assert status.link.lost_percent == 0.0
+    assert status.link.silence_s is not None
+    assert status.link.silence_s < 0.1
+    assert status.robot.state == "armed" or status.robot.state == "link lost"
+    assert status.robot.battery_volts is not None
+    assert 20.0 < status.robot.battery_volts < 36.0
+    assert set(status.robot.boards) == {"drive", "sensor"}
+    assert status.filter.particles == 100
+    assert abs(status.robot.tilt_rad) < 0.2

@@ -1,0 +1,213 @@
+"""The driver's lease: silence stops, anyone may stop, one drives, old pictures move nothing."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from server.control import (
+    WORDS,
+    AutopilotWord,
+    Control,
+    ControlParams,
+    DriveWord,
+    GoalWord,
+    HoldWord,
+    PlainWord,
+    Refused,
+)
+from server.messages import Arm, Drive, Goal, Stop
+
+FORWARD, STILL = (0.3, 0.0), (0.0, 0.0)
+
+
+def drive(t: float, wish: tuple[float, float] = FORWARD) -> DriveWord:
+    """A driver's word in front of a fresh picture."""
+    return DriveWord(type="drive", speed=wish[0], turn=wish[1], seen=t)
+
+
+def goal(t: float) -> GoalWord:
+    """Drive to (2, 1)."""
+    return GoalWord(type="goal", x=2.0, y=1.0, seen=t)
+
+
+def plain(name) -> PlainWord:
+    return PlainWord(type=name)
+
+
+def control(**autopilot) -> Control:
+    return Control(ControlParams(), **autopilot)
+
+
+def test_silence_stops_the_robot_after_the_lease_and_only_once():
+    helm = control()
+    assert helm.hear("a", drive(1.0), 1.0) == [Drive(1.0, 0.3, 0.0)]
+    assert helm.tick(1.29) == [Drive(1.29, 0.3, 0.0)]
+    assert helm.tick(1.31) == [Stop(1.31)]
+    assert helm.tick(1.40) == []
+
+
+def test_a_held_stick_is_repeated_to_the_board_at_ten_hertz():
+    helm = control()
+    sent = []
+    for step in range(1, 201):  # 2 s; the page speaks every 80 ms, the loop turns every 10 ms
+        t = 0.01 * step
+        if step % 8 == 0:
+            helm.hear("a", drive(t), t)
+        sent += [message for message in helm.tick(t) if isinstance(message, Drive)]
+    assert all(isinstance(message, Drive) for message in sent)
+    helm.refreshed = -1.0
+    assert [type(message) for message in helm.tick(2.05)] == [Drive]
+
+
+def test_standing_still_and_silent_is_no_reason_to_stop_again():
+    helm = control()
+    helm.hear("a", drive(0.0, STILL), 0.0)
+    assert helm.tick(1.0) == []
+
+
+def test_a_goal_needs_the_lease_too():
+    helm = control()
+    assert helm.hear("a", goal(0.0), 0.0) == [Goal(0.0, (2.0, 1.0), 0.3)]
+    for step in range(1, 11):
+        helm.hear("a", HoldWord(type="hold", seen=0.1 * step), 0.1 * step)
+        assert helm.tick(0.1 * step) == []
+    assert helm.tick(1.31) == [Stop(1.31)]
+    assert helm.goal is None
+
+
+def test_anyone_may_stop_and_then_nothing_moves_until_the_driver_resumes():
+    helm = control()
+    helm.hear("a", drive(0.0), 0.0)
+    assert helm.hear("b", plain("stop"), 0.1) == [Stop(0.1)]
+    for word in (drive(0.2), goal(0.2)):
+        with pytest.raises(Refused, match="Resume"):
+            helm.hear("a", word, 0.2)
+    assert helm.tick(0.25) == []
+    with pytest.raises(Refused, match="somebody else"):
+        helm.hear("b", plain("resume"), 0.3)
+    helm.hear("a", plain("resume"), 0.3)
+    assert helm.hear("a", drive(0.4), 0.4) == [Drive(0.4, 0.3, 0.0)]
+
+
+def test_one_drives_at_a_time_until_control_is_taken():
+    helm = control()
+    helm.hear("a", drive(0.0), 0.0)
+    with pytest.raises(Refused, match="Take control"):
+        helm.hear("b", drive(0.1), 0.1)
+    assert helm.hear("b", plain("take"), 0.2) == [Stop(0.2)], "the hand-over is a stop"
+    with pytest.raises(Refused, match="Take control"):
+        helm.hear("a", drive(0.3), 0.3)
+    assert helm.hear("b", drive(0.3), 0.3) == [Drive(0.3, 0.3, 0.0)]
+
+
+def test_a_driver_who_has_long_been_silent_may_be_followed_without_asking():
+    helm = control()
+    helm.hear("a", drive(0.0, STILL), 0.0)
+    assert helm.hear("b", drive(6.0), 6.0) == [Drive(6.0, 0.3, 0.0)]
+    assert helm.driver == "b"
+
+
+@pytest.mark.parametrize("seen", [3.9, 5.1], ids=["old", "from the future"])
+def test_words_in_front_of_another_picture_move_nothing(seen):
+    helm = control()
+    for word in (DriveWord(type="drive", speed=0.3, turn=0.0, seen=seen), GoalWord(type="goal", x=0, y=0, seen=seen)):
+        with pytest.raises(Refused, match="too old"):
+            helm.hear("a", word, 5.0)
+    assert helm.driver is None
+
+
+def test_a_driver_who_leaves_stops_the_robot_and_others_do_not():
+    helm = control()
+    helm.hear("a", drive(0.0), 0.0)
+    assert helm.leave("b", 0.1) == []
+    assert helm.leave("a", 0.1) == [Stop(0.1)]
+    assert helm.driver is None
+
+
+def test_driving_ends_a_goal_and_a_zero_does_not():
+    helm = control()
+    helm.hear("a", goal(0.0), 0.0)
+    assert helm.hear("a", drive(0.1, STILL), 0.1) == [], "letting go of a key is no wish against the goal"
+    assert helm.goal is not None
+    helm.hear("a", drive(0.2), 0.2)
+    assert helm.goal is None
+
+
+def test_driving_takes_over_from_the_autopilot_and_stop_ends_it():
+    for word in (drive(0.0), goal(0.0), plain("stop")):
+        helm = control(autopilot=True)
+        helm.hear("a", word, 0.0)
+        assert helm.autopilot is False
+    helm = control(autopilot=False)
+    assert helm.hear("a", AutopilotWord(type="autopilot", on=True), 0.0) == [Arm(0.0, True)]
+    assert helm.autopilot is True
+    assert helm.hear("a", AutopilotWord(type="autopilot", on=False), 0.1) == [Stop(0.1)]
+
+
+def test_autopilot_stays_off_where_there_is_none_or_a_stop_holds():
+    with pytest.raises(Refused, match="no autopilot"):
+        control().hear("a", AutopilotWord(type="autopilot", on=True), 0.0)
+    helm = control(autopilot=False)
+    helm.hear("b", plain("stop"), 0.0)
+    with pytest.raises(Refused, match="Resume"):
+        helm.hear("a", AutopilotWord(type="autopilot", on=True), 0.1)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
+def test_wishes_are_kept_within_limits(speed, turn):
+    sent = control().hear("a", drive(0.0, (speed, turn)), 0.0)
+    assert isinstance(sent[0], Drive)
+    assert abs(sent[0].speed) <= 0.5
+    assert abs(sent[0].turn) <= 1.5
+
+
+WISHES = st.sampled_from(["drive", "goal", "hold", "stop", "resume", "take", "release", "cancel", "leave", "wait"])
+
+
+@given(st.lists(st.tuples(st.sampled_from("ab"), WISHES), max_size=40))
+def test_whatever_is_said_nothing_moves_longer_than_a_lease_after_the_last_word(story):
+    """After any story, once 0.3 s have passed in silence the last command that went out was none that moves."""
+    helm, t, is_moving = control(), 0.0, False
+    for viewer, wish in [*story, ("a", "wait"), ("a", "wait")]:
+        t += 0.16
+        words = {"drive": drive(t), "goal": goal(t), "hold": HoldWord(type="hold", seen=t)}
+        try:
+            if wish == "wait":
+                sent = helm.tick(t)
+            elif wish == "leave":
+                sent = helm.leave(viewer, t)
+            else:
+                sent = helm.hear(viewer, words.get(wish) or plain(wish), t)
+        except Refused:
+            continue
+        for message in sent:
+            is_moving = isinstance(message, Drive | Goal)
+    assert not is_moving
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        "null",
+        '{"type": "fly"}',
+        '{"type": "drive", "speed": "fast", "turn": 0, "seen": 0}',
+        '{"type": "drive", "speed": NaN, "turn": 0, "seen": 0}',
+        '{"type": "drive", "speed": 1e999, "turn": 0, "seen": 0}',
+        '{"type": "drive", "speed": 0, "turn": 0}',
+        '{"type": "stop", "why": "because"}',
+        '{"type": "goal", "x": 1e30, "y": 0, "seen": 0}',
+        '{"type": "ack", "seq": -1}',
+        '{"type": "arm", "armed": 1}',
+    ],
+)
+def test_nonsense_is_no_word(text):
+    with pytest.raises(ValidationError):
+        WORDS.validate_json(text)
+
+
+def test_whole_numbers_are_fine_as_javascript_writes_them():
+    assert WORDS.validate_json('{"type": "drive", "speed": 0, "turn": 1, "seen": 2}') == drive(2.0, (0.0, 1.0))
