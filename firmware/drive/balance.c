@@ -11,7 +11,8 @@
 #define SOFT_START_DUTY 0.4f
 #define MAX_TURN_DUTY 0.35f   /* turning never takes what balancing needs */
 
-/* Linear-quadratic design for the estimated body (2.6 kg, mass 0.135 m above the axle); poles at 4.7 +- 1 i and 0.9 /s. */
+/* Linear-quadratic design for the estimated body (2.6 kg, its centre 0.135 m above the axle): closed-loop poles at
+ * -4.7 +- 1.0i, -0.85 and -118 per second. */
 const struct balance_gains BALANCE_GAINS = {
     .tilt = 5.8f, .tilt_rate = 0.88f, .speed = 3.1f, .position = 1.4f,
     .turn_rate = 0.06f, .heading = 0.45f, .feed_turn = 0.10f,

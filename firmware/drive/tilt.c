@@ -45,7 +45,8 @@ float tilt_of_gravity(const struct inertial_sums *sums)
     if (sine < -1.0f)
         sine = -1.0f;
     const float square = sine * sine;
-    return sine * (1.0f + square * (1.0f / 6.0f + square * (3.0f / 40.0f + square * 0.32f))); /* asin, within 0.05 rad at 1.5 */
+    /* the arc sine, exact near upright and within 0.05 rad up to lying */
+    return sine * (1.0f + square * (1.0f / 6.0f + square * (3.0f / 40.0f + square * 0.32f)));
 }
 
 void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Which sonars fire when, and what a sweep heard. Two groups of four (0 2 4 6, then 1 3 5 7) fire one slot apart, so
- * that each of the eight speaks 12.5 times a second and no neighbours fire together. Pure: the caller fires and listens.
+ * Which sonars fire when, and what a sweep heard. Two groups of four (0 2 4 6, then 1 3 5 7) fire one slot apart: each
+ * of the eight speaks 12.5 times a second and no neighbours fire together. Pure: the caller fires and listens.
  */
 #ifndef CRUNCH_SENSOR_SONAR_SCHEDULE_H
 #define CRUNCH_SENSOR_SONAR_SCHEDULE_H

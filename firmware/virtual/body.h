@@ -2,8 +2,8 @@
  *
  * Crunch's body: a rolling inverted pendulum on two driven wheels, its motors, its battery, and the walls it may touch.
  *
- * The numbers are estimates for the real robot (round decks of 6 inches, wheels of 4 inches, 24 NiMH cells under the top
- * deck). Tilt forward positive, heading counter-clockwise; SI units. Slip: the wheels' rotation and the true motion
+ * The numbers are estimates for the real robot (round decks of 6 inches, wheels of 4 inches, 24 NiMH cells under the
+ * top deck). Tilt forward positive, heading counter-clockwise; SI units. Slip: the wheels' rotation and the true motion
  * differ by factors that wander along the path, which is what makes odometry drift.
  */
 #ifndef CRUNCH_VIRTUAL_BODY_H

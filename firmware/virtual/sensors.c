@@ -50,7 +50,8 @@ void inertial_read(struct gyro_and_accelerometer *parts, const struct body *body
                    uint16_t *accelerometer)
 {
     const double along = sin(body->tilt) - body->acceleration * cos(body->tilt) / GRAVITY;
-    *gyro = converted(parts->gyro_zero + GYRO_COUNTS * body->tilt_rate + GYRO_NOISE * noise_normal(&parts->noise) + 0.5);
+    *gyro = converted(parts->gyro_zero + GYRO_COUNTS * body->tilt_rate +
+                      GYRO_NOISE * noise_normal(&parts->noise) + 0.5);
     *accelerometer = converted(parts->accelerometer_zero + ACCELEROMETER_COUNTS * along +
                                ACCELEROMETER_NOISE * noise_normal(&parts->noise) + 0.5);
 }

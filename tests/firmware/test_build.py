@@ -84,10 +84,10 @@ def test_a_broken_source_is_named(monkeypatch, tmp_path):
 
 def test_processes_may_build_at_the_same_time(tmp_path):
     code = (
-        "import platformdirs; platformdirs.user_cache_dir = lambda name: %r\n"
+        f"import platformdirs; platformdirs.user_cache_dir = lambda name: {str(tmp_path)!r}\n"
         "from firmware.virtual import VirtualCrunch, load_world\n"
         "print(len(VirtualCrunch(load_world('demo')).advance(1.0)))"
-    ) % str(tmp_path)
+    )
     running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
     said = [process.communicate()[0] for process in running]
     assert [process.returncode for process in running] == [0, 0, 0]

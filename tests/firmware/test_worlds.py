@@ -30,7 +30,7 @@ def test_rays_and_clearances_agree_with_their_slow_twins():
     expected = [naive.cast(world.segments, a, b, c, 6.0) for a, b, c in zip(x, y, bearings, strict=True)]
     np.testing.assert_allclose(ranges, expected, atol=1e-9)
     clearances = world.clearances(np.column_stack([x, y]), 20.0)
-    expected = [naive.clearance(world.segments, *point) for point in zip(x, y, strict=True)]
+    expected = [naive.clearance(world.segments, a, b) for a, b in zip(x, y, strict=True)]
     np.testing.assert_allclose(clearances, expected, atol=1e-9)
 
 
@@ -49,7 +49,7 @@ def test_large_worlds_find_the_same_walls():
     bearings = rng.uniform(-np.pi, np.pi, 20)
     ranges = world.cast(rays[:, 0], rays[:, 1], bearings, 3.0)
     near = [world.segments[np.hypot(*(world.segments[:, :2] - ray).T) < 8.0] for ray in rays]
-    expected = [naive.cast(walls, *ray, b, 3.0) for walls, ray, b in zip(near, rays, bearings, strict=True)]
+    expected = [naive.cast(walls, r[0], r[1], b, 3.0) for walls, r, b in zip(near, rays, bearings, strict=True)]
     np.testing.assert_allclose(ranges, expected, atol=1e-9)
 
 
