@@ -109,11 +109,23 @@ def test_standing_still_adds_nothing_and_is_no_nan():
     np.testing.assert_allclose(moved[:, 2], 3.0, atol=1e-12)
 
 
-def test_plausibility_is_the_log_density_of_the_errors():
-    _, plausibilities = spread_out((0.5, 0.0, 0.1), 0.5, n=2000)
-    errors = np.array([[gaussian(1, 7, p, stream) for stream in (ANGLE, DISTANCE)] for p in range(2000)])
-    np.testing.assert_allclose(plausibilities, -0.5 * np.sum(errors**2, axis=1), atol=1e-12)
-    assert plausibilities.mean() == pytest.approx(-1.0, abs=4.0 / math.sqrt(2000))  # half of chi^2 with two degrees
+@pytest.mark.parametrize("biases", [(0.0, 0.0), (0.05, -0.03)])
+def test_plausibility_is_the_log_density_of_the_corrections(biases):
+    """A particle's biases are part of its corrections to the odometry (thesis, 2.4)."""
+    motion, travelled = (0.45, 0.1, 0.2), 0.5
+    _, plausibilities = spread_out(motion, travelled, turn_bias=biases[0], scale_bias=biases[1], n=2000)
+    errors = [[gaussian(1, 7, p, stream) for stream in (ANGLE, DISTANCE)] for p in range(2000)]
+    expected = [naive.plausibility(motion, travelled, NOISE, pair, biases) for pair in errors]
+    np.testing.assert_allclose(plausibilities, expected, atol=1e-12)
+    if biases == (0.0, 0.0):
+        assert plausibilities.mean() == pytest.approx(-1.0, abs=4.0 / math.sqrt(2000))  # -chi^2 / 2, two degrees
+
+
+def test_plausibility_of_a_motion_without_noise_is_a_number():
+    for motion in MOTIONS:
+        for noise in (NOISE, np.zeros(3)):
+            _, plausibilities = spread_out(motion, 0.0, noise, n=5)
+            assert np.all(np.isfinite(plausibilities))
 
 
 def test_particles_and_vertices_err_independently():
