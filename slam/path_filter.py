@@ -232,7 +232,8 @@ class PathFilter:
         """Resample when the effective particles fall below the threshold (thesis, 2.7)."""
         weights = normalize(self.log_weights)
         self.effective = effective_particles(weights)
-        if self.effective < self.params.threshold * self.n_particles:
+        fewest = self.params.threshold * self.n_particles
+        if self.effective < fewest * (1.0 - 1e-9):  # 2^H of equal weights may round to a little less than their number
             self.resample(weights, self.n_particles)
 
     def resample(self, weights: np.ndarray, n_particles: int) -> None:
@@ -257,6 +258,7 @@ class PathFilter:
         """Change the number of particles, keeping the distribution."""
         if n_particles != self.n_particles:
             self.resample(normalize(self.log_weights), n_particles)
+            self.effective = float(n_particles)
 
     def best(self) -> int:
         """The particle of greatest affinity and plausibility."""
