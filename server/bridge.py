@@ -284,6 +284,7 @@ class Bridge:
             waiting=worker.waiting,
             restarts=worker.restarts,
             load=round(worker.load, 4),
+            process_id=worker.process_id,
         )
 
     def driver_status(self, snapshot: Snapshot) -> DriverStatus:

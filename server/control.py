@@ -98,6 +98,11 @@ class ControlParams(Params):
     max_speed: float = Field(default=0.5, gt=0.0)  # m/s
     max_turn: float = Field(default=1.5, gt=0.0)  # rad/s
 
+    def at_speed(self, speed: float) -> ControlParams:
+        """The same rules for people when the session's time runs `speed` times as fast as theirs."""
+        times = ("lease", "idle", "stale", "refresh")
+        return self.model_copy(update={name: speed * getattr(self, name) for name in times})
+
 
 class Refused(Exception):
     """A word that may not move the robot now; the text is meant for the person who sent it."""

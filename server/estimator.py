@@ -54,6 +54,7 @@ class EstimatorStatus:
     load: float
     batch_seconds: float
     reason: str
+    process_id: int | None
 
 
 class Estimator(Protocol):
@@ -86,7 +87,7 @@ class InlineEstimator:
     def status(self) -> EstimatorStatus:
         """Always idle between two calls."""
         n = self.path_filter.n_particles
-        return EstimatorStatus("idle", self.vertices, 0, n, n, 0, 0.0, 0.0, "")
+        return EstimatorStatus("idle", self.vertices, 0, n, n, 0, 0.0, 0.0, "", None)
 
 
 class ParticleBudget:
@@ -201,12 +202,8 @@ class WorkerEstimator:
             load=self.load,
             batch_seconds=self.batch_seconds,
             reason=self.reason,
+            process_id=self.worker.process.pid if self.worker else None,
         )
-
-    @property
-    def process_id(self) -> int | None:
-        """Of the present worker."""
-        return self.worker.process.pid if self.worker else None
 
     async def run(self) -> None:
         """Keep a worker alive and fed until cancelled; after too many losses in a row only the state says `failed`."""

@@ -77,7 +77,7 @@ def run_demo(
     except (virtual.WorldError, virtual.PlanError, virtual.CompilerError) as error:
         raise UserError(str(error)) from None
     robot.autopilot = autopilot
-    control = Control(ControlParams(), autopilot)
+    control = Control(ControlParams().at_speed(speed), autopilot)
     return run(options, lambda: [VirtualLink(robot, f"virtual:{world}", speed)], control, robot)
 
 

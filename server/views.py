@@ -74,6 +74,7 @@ class FilterStatus(BaseModel):
     waiting: int = Field(examples=[0], description="vertices not yet in the estimate")
     restarts: int = Field(examples=[0])
     load: float = Field(examples=[0.02], description="share of time that it computes")
+    process_id: int | None = Field(examples=[4711], description="of the worker; null while it is replaced")
 
 
 class DriverStatus(BaseModel):

@@ -75,8 +75,9 @@ async def run_beside(estimator: WorkerEstimator, story) -> None:
 
 
 def process_of(estimator: WorkerEstimator) -> int:
-    assert estimator.process_id is not None
-    return estimator.process_id
+    process_id = estimator.status().process_id
+    assert process_id is not None
+    return process_id
 
 
 def assert_same(one: Estimate, other: Estimate) -> None:

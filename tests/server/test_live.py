@@ -1,0 +1,109 @@
+"""The command as a person starts it: where it cannot run it says why in one line, and it leaves in order."""
+
+import json
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+
+from server.control import ControlParams
+from server.errors import UserError
+from server.live import free_name, listening, page_address
+from server.recording import Kind, Reader
+from server.stream import decode
+from tests.served import demo, wait_until
+
+
+def test_a_taken_port_is_told_in_one_line_with_the_remedy():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(UserError, match=rf"port {port} .*--port 0"), listening("127.0.0.1", port):
+            pass
+        command = [sys.executable, "-m", "server", "demo", "--no-browser", "--port", str(port)]
+        run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert len(run.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
+def test_a_host_that_is_not_ours_is_told_with_the_remedy(host):
+    with pytest.raises(UserError, match=r"127\.0\.0\.1|--port"), listening(host, 0):
+        pass
+
+
+def test_address_carries_the_token_and_brackets():
+    assert page_address("127.0.0.1", 8000, None) == "http://127.0.0.1:8000/"
+    assert page_address("::1", 80, None) == "http://[::1]:80/"
+    assert page_address("0.0.0.0", 8000, "abc").endswith(":8000/?token=abc")
+
+
+def test_recordings_never_overwrite_one_another(tmp_path):
+    names = []
+    for _ in range(3):
+        path = free_name(tmp_path)
+        path.touch(exist_ok=False)
+        names.append(path)
+    assert len(set(names)) == 3
+
+
+def test_people_have_the_same_time_in_a_fast_session():
+    fast = ControlParams().at_speed(5.0)
+    assert (fast.lease, fast.stale, fast.max_speed) == (1.5, 5.0, 0.5)
+
+
+def test_demo_serves_records_and_leaves_in_order(tmp_path):
+    with demo(tmp_path) as served:
+        status = wait_until(lambda: (now := served.status())["robot"]["battery_volts"] and now)
+        assert status["link"]["connected"]
+        assert status["driver"]["autopilot"] is False
+        recording = served.recording()
+        address = served.address.replace("http", "ws", 1) + "api/v1/stream"
+        with connect(address) as viewer:
+            assert decode(viewer.recv(decode=False))[1]["kind"] == "hello"
+            drive_a_little(viewer)
+        with connect(
+            served.address.replace("http", "ws", 1) + "viser", subprotocols=viser_protocol(served.address)
+        ) as scene:
+            assert len(scene.recv(decode=False)) > 0, "the 3-D view speaks through our own address"
+    reader = Reader(recording)
+    records = list(reader)
+    assert reader.truncated_at is None
+    assert reader.header.configuration["crunch"]["filter"]["particles"] == 300
+    assert {record.kind for record in records} == {Kind.RX, Kind.TX, Kind.MARK}
+    marks = [json.loads(record.data) for record in records if record.kind == Kind.MARK]
+    assert {"drive", "stop"} <= {mark.get("command") for mark in marks}
+    assert marks[-1]["command"] == "stop", "the last word to the robot"
+
+
+def drive_a_little(viewer) -> None:
+    """A few words of a driver, each in front of the picture just received."""
+    said = 0
+    while said < 5:
+        sequence, header, _ = decode(viewer.recv(decode=False))
+        viewer.send(json.dumps({"type": "ack", "seq": sequence}))
+        if header["topic"] == "pose":
+            viewer.send(json.dumps({"type": "drive", "speed": 0.1, "turn": 0.0, "seen": header["t"]}))
+            said += 1
+
+
+def viser_protocol(address: str) -> list:
+    """The subprotocol of the wheel that serves the page; asking for the page starts the view."""
+    import viser
+
+    with urllib.request.urlopen(address + "viser/", timeout=60) as page:
+        assert b"<html" in page.read()[:2000].lower()
+    return [f"viser-v{viser.__version__}"]
+
+
+def test_the_web_folder_is_found():
+    from server.api import WEB
+
+    assert (WEB / "index.html").is_file()
+    assert Path(WEB).name == "web"
