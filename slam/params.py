@@ -8,4 +8,4 @@ from pydantic import BaseModel, ConfigDict
 class Params(BaseModel):
     """Parameters of one algorithm; a misspelt key or a value out of range is an error that names it."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, ser_json_inf_nan="strings")
