@@ -198,7 +198,9 @@ def simulate(
     out: Annotated[Path, typer.Option(metavar="LOG", help="Recording to write; the truth goes to LOG.truth.tum.")],
     robot: Annotated[str, typer.Option(help="Which robot.")] = "crunch",
     world: Annotated[str | None, typer.Option(help=WORLD, show_default="the plan's")] = None,
-    plan: Annotated[str | None, typer.Option(help=PLAN, show_default="the world's, or demo")] = None,
+    plan: Annotated[
+        str | None, typer.Option(help=PLAN + " `tour:M`: M metres at random.", show_default="world's")
+    ] = None,
     seed: Seed = 0,
     drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds.", show_default="the plan's end")] = None,
@@ -211,7 +213,8 @@ def simulate(
 
     \b
         crunch simulate --world demo --plan demo --seed 1 --out drive.rlog
-        crunch simulate --world corridor50 --plan corridor50 --drift high --out loop.rlog
+        crunch simulate --world corridor50 --drift high --out loop.rlog
+        crunch simulate --world floor.map --plan tour:250 --seed 7 --out tour.rlog
         crunch simulate --from-log intel.log --reference reference.tum --out semi.rlog
 
     With --from-log the recording is semi-real: the world is drawn from the log's laser scans, the reference path is
@@ -231,7 +234,7 @@ def simulate(
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_semireal(semireal, settings, progress)
     else:
-        simulation = Simulation(robot, world, plan or world or "demo", seed, out, known_drift(drift), duration)
+        simulation = Simulation(robot, world, plan, seed, out, known_drift(drift), duration)
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_drive(simulation, settings, progress)
     typer.echo(f"{out}: {summary}")

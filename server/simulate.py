@@ -7,6 +7,7 @@ other. Its own true poses become `LOG.truth.tum`.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -23,7 +24,9 @@ from firmware.virtual import (
     World,
     load_plan,
     load_world,
+    tour,
 )
+from firmware.virtual.plans import BUILT_IN as PLANS
 from firmware.virtual.scripted import ScriptedCrunch
 from server.config import Config
 from server.errors import UserError
@@ -43,17 +46,22 @@ PATIENCE = 3.0  # times as long as the plan's length and pauses ask for, before 
 SCAN_TOLERANCE = 1e-3  # s between a scan and its reference pose
 SCAN_REACH = 8.0  # m of a laser that draw the world; farther hits are smeared by small errors of heading
 LINK = "virtual"
+TOUR = "tour"
+TOUR_LENGTH = 100.0  # m
 
 Progress = Callable[[int], None]
 Robot = VirtualCrunch | ScriptedCrunch
 
 
 class Simulation(NamedTuple):
-    """A drive by plan in a world, both by built-in name or file."""
+    """A drive in a world by a plan, both by built-in name or file; `tour:M` plans a random tour of M metres.
+
+    The world follows from the plan where it is not given, the plan from the world: its own, or else a tour.
+    """
 
     robot: str
     world: str | None
-    plan: str
+    plan: str | None
     seed: int
     out: Path
     drift: Drift = "medium"
@@ -74,8 +82,7 @@ class Semireal(NamedTuple):
 def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
     with mendable():
-        plan = load_plan(simulation.plan)
-        world = load_world(simulation.world or plan.world or simulation.plan)
+        world, plan = world_and_plan(simulation)
         robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan)
     longest = simulation.duration or allowance(plan)
     end = record(robot, simulation.robot, simulation.out, settings, longest, progress)
@@ -83,6 +90,35 @@ def simulate_drive(simulation: Simulation, settings: Config, progress: Progress 
     if not robot.finished and simulation.duration is None:
         warning = f"; the plan was not finished, the robot is {robot.state}"
     return describe(robot, end) + warning
+
+
+def world_and_plan(simulation: Simulation) -> tuple[World, Plan]:
+    """Where to drive, and how. ValueError of the virtual robot where one of them cannot be used."""
+    name = simulation.plan or plan_in(simulation.world)
+    if name == TOUR or name.startswith(f"{TOUR}:"):
+        world = load_world(simulation.world or "demo")
+        return world, tour(world, tour_length(name), simulation.seed)
+    plan = load_plan(name)
+    return load_world(simulation.world or plan.world or name), plan
+
+
+def plan_in(world: str | None) -> str:
+    """The plan for a world when none is given."""
+    if world is None:
+        return "demo"
+    return world if (PLANS / f"{world}.toml").is_file() else TOUR
+
+
+def tour_length(name: str) -> float:
+    """Metres of `tour:M`."""
+    text = name.partition(":")[2] or str(TOUR_LENGTH)
+    try:
+        length = float(text)
+    except ValueError:
+        length = math.nan
+    if not 1.0 <= length <= 1e5:
+        raise UserError(f"--plan {name}: `{text}` is no length; write metres from 1 to 100000, as in tour:250")
+    return length
 
 
 def simulate_semireal(semireal: Semireal, settings: Config, progress: Progress | None = None) -> str:

@@ -14,7 +14,7 @@ from server.messages import Ranges, Wheels
 from server.recorded import open_log
 from server.replay import run_log
 from server.robots.crunch import CrunchParams
-from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal
+from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal, world_and_plan
 from slam.evaluate import absolute_error
 from slam.timeline import associate
 from tests.server.logs import write_room_log
@@ -107,6 +107,23 @@ def test_semireal_sees_the_walls_of_the_log(semireal):
 def test_unknown_worlds_and_plans_are_told(tmp_path, world, plan, told):
     with pytest.raises(UserError, match=told):
         simulate_drive(Simulation("crunch", world, plan, 1, tmp_path / "a.rlog", duration=1.0), load())
+
+
+def test_a_plan_brings_its_world_and_a_world_its_plan_or_a_tour(tmp_path):
+    def chosen(world: str | None, plan: str | None) -> tuple[str, str]:
+        place, route = world_and_plan(Simulation("crunch", world, plan, 1, tmp_path / "a.rlog"))
+        return place.name, route.name
+
+    assert chosen(None, None) == chosen("demo", None) == chosen(None, "demo") == chosen("demo", "demo")
+    assert chosen("corridor50", None) == chosen(None, "corridor50")
+    _, plan = world_and_plan(Simulation("crunch", "demo", "tour:30", 1, tmp_path / "a.rlog"))
+    assert 25.0 < plan.length < 60.0
+
+
+@pytest.mark.parametrize("plan", ["tour:far", "tour:0", "tour:nan"])
+def test_a_tour_of_no_length_is_told(tmp_path, plan):
+    with pytest.raises(UserError, match=f"--plan {plan}: "):
+        simulate_drive(Simulation("crunch", "demo", plan, 1, tmp_path / "a.rlog"), load())
 
 
 def test_a_reference_of_another_clock_is_told(tmp_path):
