@@ -14,7 +14,7 @@ from slam.walls import Walls
 
 @dataclass(frozen=True, slots=True)
 class Wheels:
-    """Wheel rotations against the body as distances rolled (m), each counted modulo `wrap`, and the body's tilt (rad)."""
+    """Wheel rotations against the body as distances rolled (m), counted modulo `wrap`, and the body's tilt (rad)."""
 
     t: float
     left: float
@@ -44,7 +44,7 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """How the drive board is doing: tilt rate (rad/s), position error (m), duties in -1..1, state, last stop's reason."""
+    """How the drive board does: tilt rate (rad/s), position error (m), duties in -1..1, state, last stop's reason."""
 
     t: float
     tilt_rate: float
