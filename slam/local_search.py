@@ -108,6 +108,8 @@ class LocalSearch:
 
     def search(self, n_tries: int) -> int:
         """Try `n_tries` perturbations; how many were improvements."""
+        if len(self.poses) < 2:
+            return 0  # there is nothing to correct yet
         seen = self.observations
         kept = search(
             self.poses, self.motions, self.travelled, self.corrections, self.noise, seen.labels, seen.segments,
