@@ -231,7 +231,7 @@ class Crunch:
             odometry=self.odometry,
             tilt=self.tilt,
             distance=self.distance,
-            local_map=grid.cells,
+            local_map=grid.cells.copy(),  # the map goes on, a snapshot stays
             local_resolution=grid.resolution,
             local_origin=np.array([grid.x, grid.y]),
             beams=self.beams(),
