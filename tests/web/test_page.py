@@ -1,0 +1,249 @@
+"""The page in a real browser: it shows the robot, drives it, stops it, and lets go of it in every way out."""
+
+import math
+import time
+
+from playwright.sync_api import Page
+
+from tests.served import Served, demo, wait_until
+from tests.web.conftest import GOOD, Open, Watched
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 3}
+DRIVER = "crunch.status?.driver"
+
+
+def dismiss(watched: Watched) -> Watched:
+    """Close the first-run hint."""
+    watched.page.click("#hint-close")
+    return watched
+
+
+def at_rest(served: Served) -> None:
+    """Nobody drives, no stop holds, and the robot stands: what each test may count on."""
+    wait_until(lambda: served.status()["driver"]["viewers"] == 0)
+    assert served.status()["driver"]["viewer"] is None
+    assert served.status()["driver"]["stopped_by"] is None
+    wait_until(lambda: distance_in(served, 0.5) < 0.02)
+
+
+def distance_in(served: Served, seconds: float) -> float:
+    """Metres that the wheels roll within some time."""
+    before = served.status()["robot"]["distance_m"]
+    time.sleep(seconds)
+    return served.status()["robot"]["distance_m"] - before
+
+
+def centre(page: Page, selector: str) -> tuple[float, float]:
+    """The middle of an element."""
+    box = page.locator(selector).bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
+
+
+def painted(watched: Watched, canvas: str) -> float:
+    """Share of a canvas's pixels that are not blank."""
+    return watched.value(f"""(() => {{
+        const canvas = document.getElementById("{canvas}");
+        const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+        let drawn = 0;
+        for (let i = 3; i < pixels.length; i += 4) drawn += pixels[i] > 0;
+        return drawn / (pixels.length / 4);
+    }})()""")
+
+
+def test_everything_is_shown(served: Served, visit: Open):
+    page = dismiss(visit(served))
+    page.wait("crunch.status && crunch.pose")
+    page.wait("document.querySelector('#chip-battery b').textContent.endsWith(' V')")
+    for canvas in ("map", "local", "histogram", "profile"):
+        page.wait(f"document.getElementById('{canvas}').width > 100")
+        wait_until(lambda canvas=canvas: painted(page, canvas) > 0.01)
+    assert page.value("document.querySelectorAll('#health dd').length") > 10
+    assert page.value("crunch.connection.silence") < 1000
+
+
+def test_every_control_has_a_name_and_nothing_is_wider_than_the_screen(served: Served, visit: Open):
+    for options in ({}, PHONE, {"viewport": {"width": 1000, "height": 700}}):
+        page = visit(served, **options)
+        nameless = page.value(
+            "[...document.querySelectorAll('button, a, input, canvas, [role=application]')].filter(e => "
+            "!(e.textContent.trim() || e.ariaLabel || e.labels?.length)).map(e => e.outerHTML)"
+        )
+        assert nameless == []
+        assert page.value("document.documentElement.scrollWidth <= innerWidth")
+        box = page.page.locator("#stop").bounding_box()
+        assert box is not None
+        width, height = page.value("[innerWidth, innerHeight]")
+        assert 0 <= box["x"] <= width - box["width"], "STOP is always on the screen"
+        assert 0 <= box["y"] <= height - box["height"]
+        page.page.evaluate("scrollTo(0, 1e6)")
+        scrolled = page.page.locator("#stop").bounding_box()
+        assert scrolled is not None
+        assert scrolled["y"] == box["y"]
+
+
+def test_keys_drive_and_letting_go_stops(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    before = served.status()["robot"]["distance_m"]
+    page.page.keyboard.down("w")
+    wait_until(lambda: served.status()["robot"]["distance_m"] > before + 0.4)
+    driver = served.status()["driver"]
+    assert driver["leased"]
+    assert page.value("crunch.connection.viewer") == driver["viewer"]
+    page.wait("document.getElementById('drive-state').textContent === 'you drive'")
+    page.page.keyboard.up("w")
+    wait_until(lambda: not served.status()["driver"]["leased"])
+    wait_until(lambda: distance_in(served, 0.5) < 0.02)
+
+
+def test_arrow_keys_turn(served: Served, visit: Open):
+    page = dismiss(visit(served))
+    before = served.status()["robot"]["pose"][2]
+    page.page.keyboard.down("ArrowLeft")
+    wait_until(lambda: math.sin(served.status()["robot"]["pose"][2] - before) > 0.3)
+    page.page.keyboard.up("ArrowLeft")
+
+
+def test_losing_the_focus_lets_go_although_the_key_is_down(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.page.keyboard.down("w")
+    page.wait(f"{DRIVER}?.leased")
+    page.value("dispatchEvent(new Event('blur'))")
+    assert page.value("[crunch.driver.source, ...crunch.driver.wish]") == [None, 0, 0]
+    wait_until(lambda: not served.status()["driver"]["leased"])
+
+
+def test_a_page_that_hangs_stops_the_robot(served: Served, visit: Open):
+    """The key is held, but the page's own thread is busy: silence, and the server stops the robot."""
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.page.keyboard.down("w")
+    wait_until(lambda: served.status()["driver"]["leased"])
+    page.value("setTimeout(() => { const end = Date.now() + 3000; while (Date.now() < end); }, 0)")
+    wait_until(lambda: not served.status()["driver"]["leased"], 3.0)
+    page.page.keyboard.up("w")
+
+
+def test_closing_the_page_stops_the_robot_and_frees_it(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.page.keyboard.down("w")
+    wait_until(lambda: distance_in(served, 0.3) > 0.03)
+    page.page.close()
+    wait_until(lambda: served.status()["driver"]["viewer"] is None)
+    wait_until(lambda: distance_in(served, 0.5) < 0.02)
+
+
+def test_space_stops_for_everyone_until_the_driver_resumes(served: Served, visit: Open):
+    at_rest(served)
+    driver, watcher = dismiss(visit(served)), dismiss(visit(served))
+    driver.page.keyboard.down("w")
+    wait_until(lambda: served.status()["driver"]["leased"])
+    watcher.page.keyboard.press("Space")
+    wait_until(lambda: served.status()["driver"]["stopped_by"])
+    driver.wait("!document.getElementById('banner').hidden")
+    assert "Resume" in driver.page.inner_text("#banner")
+    driver.page.wait_for_selector("#toasts p")
+    wait_until(lambda: distance_in(served, 0.5) < 0.02)
+    driver.page.keyboard.up("w")
+    driver.page.click("#resume")
+    wait_until(lambda: served.status()["driver"]["stopped_by"] is None)
+    driver.wait("document.getElementById('banner').hidden")
+
+
+def test_the_button_stops_too_and_control_can_be_taken(served: Served, visit: Open):
+    one, two = dismiss(visit(served)), dismiss(visit(served))
+    one.page.keyboard.down("w")
+    wait_until(lambda: served.status()["driver"]["leased"])
+    two.page.click("#stop")
+    wait_until(lambda: served.status()["driver"]["stopped_by"])
+    one.page.keyboard.up("w")
+    two.page.click("#take")
+    two.wait(f"{DRIVER}.viewer === crunch.connection.viewer")
+    two.page.click("#resume")
+    two.wait(f"{DRIVER}.stopped_by === null")
+    one.wait("!document.getElementById('take').hidden")
+
+
+def test_a_click_proposes_a_goal_and_the_button_drives_there(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.wait("crunch.pose")
+    x, y, heading = page.value("crunch.pose.pose")
+    ahead = [x + 0.6 * math.cos(heading), y + 0.6 * math.sin(heading)]
+    left, top = page.value(f"crunch.map.toScreen({ahead})")
+    box = page.page.locator("#map").bounding_box()
+    assert box is not None
+    page.page.mouse.click(box["x"] + left, box["y"] + top)
+    assert served.status()["driver"]["goal"] is None, "a click alone moves nothing"
+    page.page.click("#goal-go")
+    wait_until(lambda: served.status()["driver"]["goal"])
+    page.wait("!document.getElementById('cancel').hidden")
+    page.page.click("#cancel")
+    wait_until(lambda: served.status()["driver"]["goal"] is None)
+
+
+def test_thumb_drives_on_a_phone(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served, **PHONE))
+    page.page.locator("#stick").scroll_into_view_if_needed()
+    x, y = centre(page.page, "#stick")
+    session = page.page.context.new_cdp_session(page.page)
+
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        places = [{"x": a, "y": b} for a, b in points]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    touch("touchStart", (x, y))
+    touch("touchMove", (x - 20.0, y - 50.0))
+    wait_until(lambda: served.status()["driver"]["leased"])
+    forward, turn = page.value("crunch.driver.wish")
+    assert 0.5 < forward <= 1.0
+    assert 0.1 < turn < 0.8
+    touch("touchEnd")
+    assert page.value("crunch.driver.wish") == [0, 0]
+    wait_until(lambda: not served.status()["driver"]["leased"])
+
+
+def test_theme_and_speed_limit_are_remembered(served: Served, visit: Open):
+    page = dismiss(visit(served, color_scheme="light"))
+    light = page.value("getComputedStyle(document.body).backgroundColor")
+    page.page.click("#theme")
+    page.page.locator("#limit").fill("0.1")
+    page.page.reload()
+    page.page.wait_for_selector(GOOD)
+    assert page.value("getComputedStyle(document.body).backgroundColor") != light
+    assert page.value("crunch.driver.limit") == 0.1
+    assert page.page.locator("#hint").is_hidden()
+
+
+def test_map_grows_while_the_autopilot_drives(visit: Open, tmp_path):
+    with demo(tmp_path, "--autopilot", "--speed", "8") as served:
+        page = dismiss(visit(served))
+        page.wait("crunch.status?.driver.autopilot === true")
+        page.wait("crunch.map.map?.path.length >= 3")
+        before = page.value("crunch.map.map.path.length")
+        page.wait(f"crunch.map.map.path.length >= {before + 5}")
+        page.wait("crunch.map.map.curves.length > 5")
+        page.page.click("#map-fit")
+        page.page.click("#autopilot")
+        page.wait("crunch.status.driver.autopilot === false")
+        page.page.close()
+
+
+def test_page_greys_when_the_server_is_gone_and_comes_back_with_it(visit: Open, tmp_path):
+    with demo(tmp_path) as first:
+        page = dismiss(visit(first))
+        port = first.address.rsplit(":", 1)[1].strip("/")
+    page.page.wait_for_selector('#connection[data-state="bad"]')
+    assert page.value("document.body.classList.contains('stale')")
+    page.page.keyboard.down("w")
+    assert page.value("crunch.driver.source") is None, "driving is locked"
+    page.page.keyboard.up("w")
+    with demo(tmp_path, "--port", port):
+        page.page.wait_for_selector(GOOD, timeout=60_000)
+        page.wait("!document.body.classList.contains('stale')")
+        page.page.close()
+    page.complaints[:] = [text for text in page.complaints if "WebSocket connection" not in text]
