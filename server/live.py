@@ -34,10 +34,9 @@ from server.estimator import WorkerEstimator
 from server.guard import is_loopback
 from server.recording import Header, LinkName, Recorder
 from server.replay import warm_up
-from server.robots.crunch import Crunch
+from server.robots.crunch import Crunch, make_estimator
 from server.session import Session
 from server.transport import Link, VirtualLink, open_link
-from slam.path_filter import PathFilter
 
 log = logging.getLogger(__name__)
 
@@ -122,7 +121,7 @@ class Live:
         self.recorder = recorder
         self.bridge = Bridge(robot, session, links, control, options.config.model_dump(mode="json"))
         self.estimator = WorkerEstimator(
-            functools.partial(PathFilter, params.filter_params(), options.seed, options.threads),
+            functools.partial(make_estimator, params, options.seed, options.threads),
             self.bridge.believe,
             params.filter.particles,
             options.config.estimator,

@@ -25,8 +25,8 @@ from server.formats.tum import format_tum
 from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
 from server.recorded import open_log
 from server.report import Report, describe_machine, peak_rss_mb
-from server.robots.crunch import Crunch, CrunchParams
-from slam.path_filter import PathEstimate, PathFilter
+from server.robots.crunch import Crunch, CrunchParams, make_estimator
+from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
 from slam.trajectory import correct
 from slam.walls import Walls
@@ -89,7 +89,7 @@ def run_log(
     """
     params = with_sensors(params, log)
     warm_up(params, threads)
-    path_filter = PathFilter(params.filter_params(), seed, threads)
+    path_filter = make_estimator(params, seed, threads)
     started = time.perf_counter()
     spent = 0.0
 
@@ -159,7 +159,7 @@ def warm_up(params: CrunchParams, threads: int) -> None:
     near = params.filter.comparison.model_copy(update={"gap": 1})
     small = params.filter.model_copy(update={"particles": 8 * threads, "comparison": near, "threshold": 1.0})
     robot = Crunch(params.model_copy(update={"filter": small}))
-    path_filter = PathFilter(robot.params.filter_params(), 0, threads)
+    path_filter = make_estimator(robot.params, 0, threads)
     for step in range(8):  # there and back again, so that vertices meet
         messages: list[Message] = [Odometry(float(step), params.vertex_spacing * (step % 3), 0.0, 0.0)]
         for name, ring in params.sensors.items():

@@ -118,6 +118,14 @@ class LocalSearch:
         self.accepted += kept
         return kept
 
+    @property
+    def n_particles(self) -> int:
+        """One path."""
+        return 1
+
+    def resize(self, n_particles: int) -> None:
+        """One path stays one path."""
+
     def plausibility(self) -> float:
         """Log density of the corrections under the motion model, up to a constant (thesis, 2.4)."""
         return -0.5 * float(np.sum(self.corrections**2))

@@ -51,15 +51,22 @@ def propagate(poses, motion, travelled, noise, turn_biases, scale_biases, seed, 
     """Move all particles by the motion model: `moved` (n, 3) from `poses` (n, 3); add to their log densities.
 
     `motion` (3,) is the odometry's, in the older vertex's frame, over `travelled` metres; `noise` is (turn, distance,
-    rotation) of the parameters.
+    rotation) of the parameters. The density is that of the corrections to the odometry under its noise (thesis, 2.4), a
+    particle's biases being part of its corrections.
     """
+    root = math.sqrt(travelled)
+    turn_sigma = max(1e-9, math.hypot(noise[0] * root, noise[2] * motion[2]))
+    distance_sigma = max(1e-9, noise[1] * root)
+    distance = math.hypot(motion[0], motion[1])
     for p in range(poses.shape[0]):
         angle_error, distance_error = gaussian(seed, vertex, p, ANGLE), gaussian(seed, vertex, p, DISTANCE)
         moved[p, 0], moved[p, 1], moved[p, 2] = moved_pose(
             poses[p, 0], poses[p, 1], poses[p, 2], motion, travelled, noise, angle_error, distance_error,
             turn_biases[p], scale_biases[p],
         )  # fmt: skip
-        plausibilities[p] -= 0.5 * (angle_error * angle_error + distance_error * distance_error)
+        angle = angle_error + turn_biases[p] * travelled / turn_sigma
+        stretch = distance_error + scale_biases[p] * distance / distance_sigma
+        plausibilities[p] -= 0.5 * (angle * angle + stretch * stretch)
 
 
 @njit(cache=True)

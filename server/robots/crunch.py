@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -36,11 +37,12 @@ from server.messages import (
 from server.robots.odometry import WheelOdometry
 from slam.local_map import LocalMap, LocalMapParams
 from slam.params import Params
-from slam.path_filter import PathFilterParams
+from slam.local_search import LocalSearch, LocalSearchParams
+from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import between, compose, transform
 from slam.rangefinder import RingParams, crunch_sensors
 from slam.vfh import Vfh, VfhParams
-from slam.walls import WallParams, Walls, curves, extract
+from slam.walls import WallParams, curves, extract
 
 
 class CrunchParams(Params):
@@ -59,12 +61,25 @@ class CrunchParams(Params):
     local_map: LocalMapParams = LocalMapParams()
     walls: WallParams = WallParams()
     vfh: VfhParams = VfhParams()
+    estimator: Literal["filter", "search"] = "filter"  # particles, or local search on one path (thesis, 2.6)
+    perturbations: int = Field(default=100, ge=0)  # that the local search tries at every vertex
     filter: PathFilterParams = PathFilterParams()
 
     def filter_params(self) -> PathFilterParams:
         """The path filter's parameters, with the local map's reach filled in."""
         reach = LocalMap(self.local_map, self.sensors).reach
         return self.filter.model_copy(update={"reach": reach})
+
+
+def make_estimator(params: CrunchParams, seed: int = 0, threads: int = 1) -> PathFilter | LocalSearch:
+    """The estimator of paths that the parameters choose; both have one face."""
+    chosen = params.filter_params()
+    if params.estimator == "filter":
+        return PathFilter(chosen, seed, threads)
+    search = LocalSearchParams(
+        perturbations=params.perturbations, reach=chosen.reach, motion=chosen.motion, comparison=chosen.comparison
+    )
+    return LocalSearch(search, seed)
 
 
 class Crunch:
@@ -281,6 +296,3 @@ def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:
         t, np.asarray(pose, float)[None], np.ones(1), np.asarray(pose, float)[None], 0, n_particles, float(n_particles),
         0, 0.0, 0.0,
     )  # fmt: skip
-
-
-__all__ = ["Crunch", "CrunchParams", "Walls"]
