@@ -199,7 +199,7 @@ def report_of(result: Result, log: Log, options: Options, params: CrunchParams) 
         kind=log.kind,
         description=log.description,
         seed=options.seed,
-        particles=params.filter.particles,
+        particles=estimate.n_particles,
         vertices=len(estimate.path),
         odometry_readings=len(drive.times),
         path_length_m=round(maps.path_length(result.trajectory), 3),

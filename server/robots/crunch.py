@@ -36,8 +36,8 @@ from server.messages import (
 )
 from server.robots.odometry import WheelOdometry
 from slam.local_map import LocalMap, LocalMapParams
-from slam.params import Params
 from slam.local_search import LocalSearch, LocalSearchParams
+from slam.params import Params
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import between, compose, transform
 from slam.rangefinder import RingParams, crunch_sensors
