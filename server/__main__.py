@@ -170,7 +170,7 @@ def replay(
         crunch replay drive.rlog --out map
         crunch replay intel.log --out intel --particles 5000 --seed 3
         crunch replay intel.log --out intel11 --beams 11 --max-range 5
-        crunch replay drive.rlog --out map --set crunch.filter.gap=12
+        crunch replay drive.rlog --out map --set crunch.filter.comparison.gap=12
 
     OUT then holds trajectory.tum, map.png, map.pgm with map.yaml, map.json, path.g2o, profile.csv and report.json
     (docs/outputs.md).
