@@ -6,7 +6,7 @@ import math
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from slam.params import Params
 
@@ -21,6 +21,12 @@ class RingParams(Params):
     half_angle_deg: float = Field(default=0.0, ge=0.0, lt=90.0)
     min_range: float = Field(default=0.03, ge=0.0)  # m; shorter ones are not trusted
     max_range: float = Field(default=3.0, gt=0.0)  # m; nothing farther is reported
+
+    @model_validator(mode="after")
+    def _sonar_has_a_cone(self) -> RingParams:
+        if self.model == "sonar" and self.half_angle_deg == 0.0:
+            raise ValueError("a sonar needs a half_angle_deg above 0; a ring of thin beams is a beam")
+        return self
 
     @property
     def bearings(self) -> np.ndarray:
