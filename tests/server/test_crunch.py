@@ -15,197 +15,29 @@ from server.messages import (
     DriveCommand,
     Estimate,
     Goal,
-    Keyframe,
     Odometry,
     Power,
     Ranges,
     Status,
     Stop,
     StopCommand,
-    Wheels,
 )
-from server.robots.crunch import Crunch, CrunchParams
-from server.robots.odometry import WheelOdometry
+from server.robots.crunch import Crunch
 from slam.local_map import LocalMapParams
 from slam.path_filter import PathFilter
-from slam.pose import between, compose, wrap
-from slam.rangefinder import RingParams
-from slam.walls import WallParams
-from tests.naive.walls import nearest_crossing, rectangle
-
-TRACK, RADIUS, WRAP = 0.19, 0.0508, 20.9
-RATE = 50.0
-HALL = rectangle(2.0, 0.0, 8.0, 1.2)  # a corridor 1.2 m wide, from x = -2 to 6
-SENSORS = {
-    "sonar": RingParams(
-        model="sonar", bearings_deg=tuple(np.arange(0.0, 360.0, 45.0)), offset=0.07, height=0.152, half_angle_deg=22.5
-    ),
-    "infrared": RingParams(
-        model="infrared", bearings_deg=tuple(np.arange(0.0, 360.0, 45.0)), offset=0.05, height=0.203, min_range=0.10,
-        max_range=0.80,
-    ),
-}  # fmt: skip
-
-
-def params_of(**changes):
-    """Parameters that do not follow the defaults."""
-    small = {
-        "sensors": SENSORS,
-        "track": TRACK,
-        "calibration": {"wheel_radius": RADIUS},
-        "vertex_spacing": 0.5,
-        "hindsight": 2,
-        "goal_radius": 0.2,
-        "local_map": LocalMapParams(reach=1.0),
-        "walls": WallParams(n_rays=120),
-        "filter": {"particles": 30},
-    }
-    return CrunchParams.model_validate(small | changes)
-
-
-class Body:
-    """A robot that is driven exactly along arcs, and what it would send."""
-
-    def __init__(self, start=0.0, tilt=0.0):
-        self.pose, self.t, self.tilt = np.zeros(3), 0.0, tilt
-        self.left = self.right = start
-        self.rolled = 0.0
-
-    def drive(self, speed, turn, seconds, tilt=None):
-        """Wheels messages (50 Hz) of an arc; the tilt moves evenly to its new value."""
-        n = round(seconds * RATE)
-        tilts = np.linspace(self.tilt, self.tilt if tilt is None else tilt, n + 1)[1:]
-        return [self.advance(speed / RATE, turn / RATE, float(angle)) for angle in tilts]
-
-    def advance(self, way, turn, tilt):
-        """One exact step along an arc, and its message."""
-        self.t += 1.0 / RATE
-        chord = way if abs(turn) < 1e-12 else way * math.sin(0.5 * turn) / (0.5 * turn)
-        heading = self.pose[2] + 0.5 * turn
-        self.pose = self.pose + [chord * math.cos(heading), chord * math.sin(heading), turn]
-        swing = RADIUS * (tilt - self.tilt)
-        self.left += way - 0.5 * TRACK * turn - swing
-        self.right += way + 0.5 * TRACK * turn - swing
-        self.rolled += abs(way)
-        self.tilt = tilt
-        return self.wheels()
-
-    def wheels(self):
-        return Wheels(self.t, self.left % WRAP, self.right % WRAP, self.tilt, WRAP)
-
-    def ranges(self, sensor, world, pose=None, t=None):
-        """A sweep of exact ranges in a world of segments."""
-        ring, pose = SENSORS[sensor], self.pose if pose is None else pose
-        found = []
-        for bearing in pose[2] + ring.bearings:
-            face = pose[:2] + ring.offset * np.array([math.cos(bearing), math.sin(bearing)])
-            found.append(nearest_crossing(face, bearing, world))
-        reading = np.array([value if value <= ring.max_range else math.inf for value in found])
-        return Ranges(self.t if t is None else t, sensor, reading)
-
-
-def feed(robot, messages):
-    """All effects of the messages."""
-    return [effect for message in messages for effect in robot.step(message)]
-
-
-def tour(robot, body, metres, world=HALL, speed=0.3, turn=0.0):
-    """Drive straight on with both rings looking, 12.5 times a second; all effects."""
-    effects = []
-    for _ in range(round(metres / speed * 12.5)):
-        effects += feed(robot, body.drive(speed, turn, 4.0 / RATE))
-        for sensor in SENSORS:
-            effects += robot.step(body.ranges(sensor, world))
-    return effects
-
-
-def keyframes(effects):
-    return [effect for effect in effects if isinstance(effect, Keyframe)]
-
-
-def estimate_of(robot, path, t=1.0):
-    """An estimate that believes in a path."""
-    path = np.asarray(path, float)
-    return Estimate(t, path, np.ones(len(path)), path[-1:], 0, 30, 30.0, 0, 1.0, -1.0)
-
-
-# Wheels
-
-
-@pytest.mark.parametrize(("speed", "turn"), [(0.3, 0.0), (0.3, 0.5), (-0.2, 0.3), (0.0, 1.0), (0.5, -2.0)])
-@pytest.mark.parametrize("start", [0.0, 20.8, 7.123])
-def test_wheels_are_integrated_along_arcs_across_the_counters_wrap(speed, turn, start):
-    body, odometry = Body(start), WheelOdometry(TRACK, RADIUS)
-    odometry.roll(body.wheels())
-    moved = [odometry.roll(wheels) for wheels in body.drive(speed, turn, 8.0)]
-    assert math.hypot(odometry.x - body.pose[0], odometry.y - body.pose[1]) < 1e-3
-    assert wrap(odometry.theta - body.pose[2]) == pytest.approx(0.0, abs=1e-9)
-    assert sum(moved) == pytest.approx(speed * 8.0, abs=1e-9)
-    assert -math.pi <= odometry.theta <= math.pi
-
-
-def test_the_first_reading_moves_nothing():
-    odometry = WheelOdometry(TRACK, RADIUS)
-    assert odometry.roll(Wheels(0.0, 12.0, 3.0, 0.2, WRAP)) == 0.0
-    assert (odometry.x, odometry.y, odometry.theta) == (0.0, 0.0, 0.0)
-
-
-def test_a_lost_reading_is_made_up_by_the_next():
-    body, odometry, sparse = Body(), WheelOdometry(TRACK, RADIUS), WheelOdometry(TRACK, RADIUS)
-    readings = [body.wheels(), *body.drive(0.3, 0.2, 4.0)]
-    for wheels in readings:
-        odometry.roll(wheels)
-    for wheels in readings[::10]:
-        sparse.roll(wheels)
-    assert math.hypot(odometry.x - sparse.x, odometry.y - sparse.y) < 1e-3
-    assert odometry.theta == pytest.approx(sparse.theta, abs=1e-9)
-
-
-def test_leaning_forwards_and_back_is_no_way():
-    """Encoders see the wheel against the body: a body that leans over a wheel at rest turns them back."""
-    body, odometry = Body(), WheelOdometry(TRACK, RADIUS)
-    odometry.roll(body.wheels())
-    for tilt in (0.2, -0.15, 0.0):
-        for wheels in body.drive(0.0, 0.0, 1.0, tilt):
-            assert abs(odometry.roll(wheels)) < 1e-12
-    assert (odometry.x, odometry.y, odometry.theta) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
-    for wheels in body.drive(0.3, 0.0, 2.0, 0.1):
-        odometry.roll(wheels)
-    assert odometry.x == pytest.approx(0.6, abs=1e-9)
-
-
-def test_poses_of_the_past_are_found_by_time():
-    body, odometry = Body(), WheelOdometry(TRACK, RADIUS)
-    for wheels in body.drive(0.5, 1.0, 2.0, 0.2):
-        odometry.roll(wheels)
-    history = np.array(odometry.history)
-    for row in (0, 5, len(history) - 1):
-        np.testing.assert_allclose(odometry.at(history[row, 0]), history[row, 1:], atol=1e-12)
-    x, y, theta, tilt = odometry.at(0.5 * (history[7, 0] + history[8, 0]))
-    np.testing.assert_allclose((x, y, theta, tilt), 0.5 * (history[7, 1:] + history[8, 1:]), atol=1e-9)
-    np.testing.assert_array_equal(odometry.at(history[-1, 0] + 9.0), history[-1, 1:])
-    np.testing.assert_array_equal(odometry.at(history[0, 0] - 9.0), history[0, 1:])
-    assert history[-1, 0] - history[0, 0] > 0.2  # longer than a reading is under way on the board
-
-
-def test_headings_of_the_past_take_the_shorter_arc():
-    odometry = WheelOdometry(TRACK, RADIUS)
-    for t, heading in enumerate((0.0, math.pi - 0.1, math.pi + 0.1)):
-        odometry.roll(Wheels(float(t), -0.5 * TRACK * heading % WRAP, 0.5 * TRACK * heading, 0.0, WRAP))
-    before, after = odometry.at(1.0)[2], odometry.at(2.0)[2]
-    assert (before, after) == pytest.approx((math.pi - 0.1, 0.1 - math.pi))
-    assert math.remainder(odometry.at(1.5)[2] - math.pi, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_readings_without_a_step_in_time_are_survived():
-    odometry = WheelOdometry(TRACK, RADIUS)
-    for k in range(5):
-        odometry.roll(Wheels(1.0, 0.1 * k, 0.1 * k, 0.0, WRAP))
-    odometry.roll(Wheels(0.5, 0.5, 0.5, 0.0, WRAP))
-    for t in (0.0, 0.5, 0.7, 1.0, 2.0):
-        assert np.all(np.isfinite(odometry.at(t)))
-    assert odometry.x == pytest.approx(0.5)
-
+from slam.pose import between, compose
+from tests.naive.walls import rectangle
+from tests.server.crunch_body import (
+    HALL,
+    RATE,
+    SENSORS,
+    Body,
+    estimate_of,
+    feed,
+    keyframes,
+    params_of,
+    tour,
+)
 
 # Looking
 

@@ -84,3 +84,9 @@ def test_defaults_are_not_shared_between_objects():
     changed = PathFilterParams.model_validate({"motion": {"turn_noise": 0.5}})
     assert changed.motion.turn_noise == 0.5
     assert PathFilterParams().motion.turn_noise != 0.5
+
+
+def test_a_sonar_without_a_cone_is_refused():
+    with pytest.raises(ValidationError, match="half_angle_deg"):
+        RingParams(model="sonar", bearings_deg=(0.0,))
+    assert RingParams(model="sonar", bearings_deg=(0.0,), half_angle_deg=15.0).half_angle > 0.0
