@@ -2,6 +2,7 @@
 
 import { Drawing, colour, polyline, robotGlyph } from "./canvas.js";
 import { rows, unpackCurves } from "./frame.js";
+import { MapLayer, dot } from "./map_layer.js";
 
 const MIN_SCALE = 4; // pixels per metre
 const MAX_SCALE = 400;
@@ -19,6 +20,7 @@ export class MapView {
     this.candidate = null;
     this.here = []; // wall curves seen now, robot frame
     this.map = null;
+    this.layer = new MapLayer();
     this.pointers = new Map();
     this.drawing = new Drawing(canvas, (...args) => this.draw(...args));
     this.listen();
@@ -32,7 +34,8 @@ export class MapView {
       curve.forEach(([x, y], index) => (index ? walls.lineTo(x, y) : walls.moveTo(x, y)));
     }
     const path = rows(arrays.path);
-    this.map = { walls, curves, path, particles: arrays.particles, fixedDepth: header.fixed_depth };
+    this.map = { walls, curves, path, particles: arrays.particles, profile: arrays.profile.values };
+    this.layer.forget();
     this.drawing.request();
   }
 
@@ -135,12 +138,12 @@ export class MapView {
   }
 
   draw(context, width, height) {
-    this.drawGrid(context, width, height);
+    this.layer.paint(context, this, this.map);
     context.save();
     context.translate(width / 2, height / 2);
     context.scale(this.scale, -this.scale);
     context.translate(-this.centre[0], -this.centre[1]);
-    if (this.map) this.drawMap(context);
+    this.drawPresent(context);
     if (this.goal && this.pose) this.drawGoal(context);
     if (this.candidate) this.drawCandidate(context);
     if (this.pose) this.drawRobot(context);
@@ -148,48 +151,18 @@ export class MapView {
     this.drawScale(context, width, height);
   }
 
-  drawGrid(context, width, height) {
-    const step = this.scale > 22 ? 1 : this.scale > 7 ? 5 : 10;
-    const [left, top] = this.toWorld(0, 0);
-    const [right, bottom] = this.toWorld(width, height);
-    context.strokeStyle = colour("line");
-    context.lineWidth = 1;
-    context.globalAlpha = 0.65;
-    context.beginPath();
-    for (let x = Math.ceil(left / step) * step; x <= right; x += step) {
-      const column = Math.round(this.toScreen([x, 0])[0]) + 0.5;
-      context.moveTo(column, 0);
-      context.lineTo(column, height);
-    }
-    for (let y = Math.ceil(bottom / step) * step; y <= top; y += step) {
-      const row = Math.round(this.toScreen([0, y])[1]) + 0.5;
-      context.moveTo(0, row);
-      context.lineTo(width, row);
-    }
-    context.stroke();
-    context.globalAlpha = 1;
-  }
-
-  drawMap(context) {
-    const { walls, path, particles, fixedDepth } = this.map;
+  /** The particles, and the way from the newest vertex to the robot. */
+  drawPresent(context) {
+    if (!this.map) return;
+    const { path, particles } = this.map;
     const pixel = 1 / this.scale;
-    context.strokeStyle = colour("wall");
-    context.globalAlpha = 0.55;
-    context.lineWidth = Math.max(1.7 * pixel, 0.018);
-    context.stroke(walls);
-    context.globalAlpha = 1;
-    context.lineWidth = 2.4 * pixel;
-    context.strokeStyle = colour("open");
-    polyline(context, [...path.slice(fixedDepth), ...(this.pose ? [this.pose] : [])]);
-    context.strokeStyle = colour("settled");
-    polyline(context, path.slice(0, fixedDepth + 1));
-    context.fillStyle = colour("settled");
-    if (this.scale > 24) for (const pose of path) dot(context, pose, 2.4 * pixel);
-    if (path.length) dot(context, path[0], 5 * pixel);
     context.fillStyle = colour("particle");
     context.globalAlpha = 0.55;
     for (const pose of rows(particles)) dot(context, pose, 2.1 * pixel);
     context.globalAlpha = 1;
+    context.strokeStyle = colour("open");
+    context.lineWidth = 2.4 * pixel;
+    if (path.length && this.pose) polyline(context, [path.at(-1), this.pose]);
   }
 
   drawGoal(context) {
@@ -245,12 +218,6 @@ export class MapView {
 
 function clampScale(scale) {
   return Math.min(MAX_SCALE, Math.max(MIN_SCALE, scale));
-}
-
-function dot(context, [x, y], radius) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 7);
-  context.fill();
 }
 
 function ring(context, [x, y], radius) {
