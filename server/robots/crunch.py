@@ -101,6 +101,7 @@ class Crunch:
         self.pending: deque[tuple[float, int, float]] = deque()  # vertices whose walls are still to be taken
         self.curves: list[list[np.ndarray]] = []
         self.estimate: Estimate | None = None
+        self.best_walls: list[np.ndarray] = []  # the map of the estimate
         self.goal: Goal | None = None
         self.steering: float | None = None  # bearing in the robot's frame
         self.steered: float | None = None  # the same in the odometry frame, which the robot's turning leaves alone
@@ -120,6 +121,7 @@ class Crunch:
                 return self.look(message)
             case Estimate():
                 self.estimate = message
+                self.best_walls = self.walls_along(message.path)
             case Drive():
                 self.goal = None
                 return [DriveCommand(message.speed, message.turn)]
@@ -258,7 +260,7 @@ class Crunch:
             goal_bearing=math.atan2(offset[1], offset[0]) if offset is not None else None,
             steering=self.steering if self.goal else None,
             path=estimate.path,
-            walls=self.walls_along(estimate.path),
+            walls=self.best_walls,
             profile=estimate.profile,
             fixed_depth=estimate.fixed_depth,
             particles=estimate.particles,
