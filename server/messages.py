@@ -184,9 +184,10 @@ class Snapshot:
     odometry: np.ndarray  # (3,) now, odometry frame
     tilt: float
     distance: float  # m driven since the start
-    local_map: np.ndarray  # (n, n) float32 log odds; row = y, column = x, axes along the odometry frame
+    local_map: np.ndarray  # (n, n) float32 log odds; row = y, column = x
     local_resolution: float  # m per cell
-    local_origin: np.ndarray  # (2,) odometry-frame position of cell (0, 0)'s corner
+    local_origin: np.ndarray  # (2,) of cell (0, 0)'s corner in the map's frame: the odometry's, or one that moves along
+    local_pose: np.ndarray  # (3,) of the robot in that frame
     beams: dict[str, dict]  # sensor -> bearings, offsets (m, along the bearing), half_angle, max_range, ranges
     curves: list[np.ndarray]  # extracted wall curves now, each (k, 2), robot frame
     densities: np.ndarray  # (sectors,) polar histogram, sector 0 forward in the robot frame

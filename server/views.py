@@ -156,7 +156,7 @@ def local_view(snapshot: Snapshot) -> View:
         {
             "resolution": float(snapshot.local_resolution),
             "origin": rounded(snapshot.local_origin),
-            "odometry": rounded(snapshot.odometry),
+            "odometry": rounded(snapshot.local_pose),
             "shape": cells.shape,
             "scale": CENTIMETRE,
             "beams": beams,

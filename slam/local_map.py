@@ -278,9 +278,15 @@ class LocalMap:
         return float(x), float(y), float(theta)
 
     def fuse(self, sensor: str, ranges: np.ndarray, pose: np.ndarray, tilt: float = 0.0) -> None:
-        """Add one sweep (n,) of `sensor` taken at `pose` (3,), here or a little back; KeyError if unknown."""
+        """Add one sweep (n,) of `sensor` taken at `pose` (3,), here or a little back.
+
+        KeyError for an unknown sensor, ValueError for another number of ranges than it has.
+        """
+        ring = self.rings[sensor]
+        if len(ranges) != ring.bearings.size:
+            raise ValueError(f"{sensor} has {ring.bearings.size} beams, not {len(ranges)}")
         grid, seat = self.grid(), self.in_grid(pose)
-        fuse_ring(grid, seat, tilt, self.rings[sensor], ranges, self.evidence)
+        fuse_ring(grid, seat, tilt, ring, ranges, self.evidence)
         clear_disc(grid, seat[0], seat[1], self.footprint, self.evidence.clamp)
 
     def grid(self) -> Grid:

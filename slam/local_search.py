@@ -49,12 +49,12 @@ def place_path(poses, first, motions, travelled, corrections, noise):
 
 
 @njit(cache=True, nogil=True)
-def search(poses, motions, travelled, corrections, noise, labels, segments, rule, n_tries, sizes, seed):
-    """Improve `corrections` and `poses` in place; how many of `n_tries` perturbations were kept."""
+def search(poses, motions, travelled, corrections, noise, labels, segments, rule, tries, sizes, seed):
+    """Improve `corrections` and `poses` in place; how many of the perturbations `tries` (first, end) were kept."""
     n = poses.shape[0]
     trial = poses.copy()
     kept = 0
-    for attempt in range(n_tries):
+    for attempt in range(tries[0], tries[1]):
         vertex = 1 + int(uniform(seed, n, attempt, WHERE) * (n - 1))
         size = sizes[0] * (sizes[1] / sizes[0]) ** uniform(seed, n, attempt, SIZE)
         old_angle, old_distance = corrections[vertex, 0], corrections[vertex, 1]
@@ -90,10 +90,12 @@ class LocalSearch:
         self.travelled = np.empty(0)
         self.corrections = np.empty((0, 2))
         self.accepted = 0
+        self.tried = 0  # perturbations since the newest vertex
 
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
         """Add a vertex at `pose` (3,) of the odometry frame, and search."""
         self.observations.add(walls)
+        self.tried = 0
         is_first = self.poses.shape[0] == 0
         motion = np.zeros(3) if is_first else between(self.odometry, pose)
         way = math.hypot(motion[0], motion[1]) if travelled is None else travelled
@@ -113,8 +115,9 @@ class LocalSearch:
         seen = self.observations
         kept = search(
             self.poses, self.motions, self.travelled, self.corrections, self.noise, seen.labels, seen.segments,
-            seen.rule, n_tries, self.sizes, self.seed,
+            seen.rule, (self.tried, self.tried + n_tries), self.sizes, self.seed,
         )  # fmt: skip
+        self.tried += n_tries
         self.accepted += kept
         return kept
 

@@ -239,17 +239,17 @@ class PathFilter:
     def resample(self, weights: np.ndarray, n_particles: int) -> None:
         """Draw `n_particles` by systematic resampling; biases are jittered so that they can still be learned."""
         motion = self.params.motion
-        ancestors = systematic(weights, uniform(self.seed, self.vertices, 0, OFFSET), n_particles)
+        ancestors = systematic(weights, uniform(self.seed, self.resamplings, 0, OFFSET), n_particles)
         if self.tree is not None:
             self.tree.resample(ancestors)
         self.affinities = self.affinities[ancestors]
         self.plausibilities = self.plausibilities[ancestors]
         self.directions = self.directions[ancestors]
         self.turn_biases = self.turn_biases[ancestors] + draw_biases(
-            motion.jitter * motion.turn_bias, self.seed, self.vertices, TURN_JITTER, n_particles
+            motion.jitter * motion.turn_bias, self.seed, self.resamplings, TURN_JITTER, n_particles
         )
         self.scale_biases = self.scale_biases[ancestors] + draw_biases(
-            motion.jitter * motion.scale_bias, self.seed, self.vertices, SCALE_JITTER, n_particles
+            motion.jitter * motion.scale_bias, self.seed, self.resamplings, SCALE_JITTER, n_particles
         )
         self.log_weights = np.zeros(n_particles)
         self.resamplings += 1

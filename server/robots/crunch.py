@@ -123,13 +123,13 @@ class Crunch:
                 self.estimate = message
                 self.best_walls = self.walls_along(message.path)
             case Drive():
-                self.goal = None
+                self.aim(None)
                 return [DriveCommand(message.speed, message.turn)]
             case Goal():
-                self.goal = message if message.place is not None else None
+                self.aim(message if message.place is not None else None)
                 return [] if self.goal else [StopCommand()]
             case Stop():
-                self.goal = None
+                self.aim(None)
                 return [StopCommand()]
             case Arm():
                 return [ArmCommand(message.armed)]
@@ -140,6 +140,10 @@ class Crunch:
             case Status():
                 self.boards[message.board] = message
         return []
+
+    def aim(self, goal: Goal | None) -> None:
+        """Head for another goal, or none; the way to the last one does not count any more."""
+        self.goal, self.steering, self.steered = goal, None, None
 
     def roll(self, wheels: Wheels) -> list[Effect]:
         """Integrate the wheels."""
@@ -202,7 +206,7 @@ class Crunch:
         if offset is None or self.goal is None:
             return []
         if math.hypot(*offset) < self.params.goal_radius:
-            self.goal, self.steering, self.steered = None, None, None
+            self.aim(None)
             return [StopCommand()]
         heading = float(self.odometry[2])
         last = None if self.steered is None else math.remainder(self.steered - heading, 2.0 * math.pi)
@@ -251,6 +255,7 @@ class Crunch:
             local_map=grid.cells.copy(),  # the map goes on, a snapshot stays
             local_resolution=grid.resolution,
             local_origin=np.array([grid.x, grid.y]),
+            local_pose=np.array(self.local_map.in_grid(self.odometry)),
             beams=self.beams(),
             curves=curves(here, self.params.walls.jump) if here is not None else [],
             densities=densities,

@@ -7,6 +7,8 @@ from collections import deque
 
 from server.messages import Wheels
 
+FASTEST = 2.0  # m/s that a wheel can roll; a longer step means that the board began to count anew
+SLACK = 0.1  # m of such a step that jitter of the clock may explain
 KEPT = 32  # readings of history; at 50 Hz longer than any reading is under way on the board
 
 
@@ -18,6 +20,7 @@ class WheelOdometry:
         self.wheel_radius = wheel_radius
         self.x = self.y = self.theta = 0.0
         self.last: Wheels | None = None
+        self.restarts = 0  # times the counts jumped, as after a reboot of the board
         self.history: deque[tuple[float, float, float, float, float]] = deque(maxlen=KEPT)  # t, x, y, theta, tilt
 
     def roll(self, wheels: Wheels) -> float:
@@ -28,6 +31,9 @@ class WheelOdometry:
             half = 0.5 * wheels.wrap
             left = (wheels.left - self.last.left + half) % wheels.wrap - half + swing
             right = (wheels.right - self.last.right + half) % wheels.wrap - half + swing
+            if max(abs(left), abs(right)) > FASTEST * max(0.0, wheels.t - self.last.t) + SLACK:
+                left = right = 0.0
+                self.restarts += 1
             forward = 0.5 * (left + right)
             turn = (right - left) / self.track
             heading = self.theta + 0.5 * turn

@@ -110,12 +110,12 @@ class PathFilter:
         if 2.0**entropy >= self.params.threshold * len(weights):
             return
         n, model = len(weights), self.params.motion
-        offset = counter_random.uniform(self.seed, self.vertices, 0, OFFSET)
+        offset = counter_random.uniform(self.seed, len(self.resampled_at), 0, OFFSET)
         parents = np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right")
         self.particles = [
             self.particles[parent].copy(
-                self.bias(model.jitter * model.turn_bias, self.vertices, TURN_JITTER, child),
-                self.bias(model.jitter * model.scale_bias, self.vertices, SCALE_JITTER, child),
+                self.bias(model.jitter * model.turn_bias, len(self.resampled_at), TURN_JITTER, child),
+                self.bias(model.jitter * model.scale_bias, len(self.resampled_at), SCALE_JITTER, child),
             )
             for child, parent in enumerate(parents)
         ]

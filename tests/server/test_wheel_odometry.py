@@ -86,3 +86,16 @@ def test_readings_without_a_step_in_time_are_survived():
     for t in (0.0, 0.5, 0.7, 1.0, 2.0):
         assert np.all(np.isfinite(odometry.at(t)))
     assert odometry.x == pytest.approx(0.5)
+
+
+def test_a_board_that_counts_anew_moves_nothing():
+    """After a reboot the counts begin at zero; only what is rolled from then on counts."""
+    body, odometry = Body(), WheelOdometry(TRACK, RADIUS)
+    odometry.roll(body.wheels())
+    for wheels in body.drive(0.3, 0.1, 3.0):
+        odometry.roll(wheels)
+    before, t = (odometry.x, odometry.y, odometry.theta), odometry.history[-1][0]
+    assert odometry.roll(Wheels(t + 1.0 / 50.0, 0.0, 0.0, 0.0, WRAP)) == 0.0
+    assert (odometry.x, odometry.y, odometry.theta) == before
+    assert odometry.restarts == 1
+    assert odometry.roll(Wheels(t + 2.0 / 50.0, 0.006, 0.006, 0.0, WRAP)) == pytest.approx(0.006)
