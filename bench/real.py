@@ -3,7 +3,7 @@
     python -m bench.real [--seeds 10] [--particles 5000]
 
 `semi-real` drives have a log's own odometry and Crunch's simulated senses in the walls that the log's laser saw; a
-seed is a new simulation and a new filter. `five directions` is `intel-dense.log`: the laser's real beams, thinned to the
+seed is a new simulation and a new filter. `five directions` is `intel-dense.log`: its real beams, thinned to the
 five of Crunch's eight directions that it sees; a seed is a new filter. Needs the recordings' folder (`CRUNCH_DATA`).
 """
 
