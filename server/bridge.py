@@ -59,6 +59,11 @@ class Autopilot(Protocol):
 
     autopilot: bool
 
+    @property
+    def finished(self) -> bool:
+        """Whether its plan is driven to the end."""
+        ...
+
 
 class Bridge:
     """A live session. Times are the session's own, in seconds since its start."""
@@ -169,6 +174,8 @@ class Bridge:
     def publish(self) -> None:
         """Show the present to all viewers; called at frame rate."""
         self.published += 1
+        if self.control.autopilot and self.virtual is not None and self.virtual.finished:
+            self.control.autopilot = False
         if not self.hub.viewers and self.dashboard.server is None:
             return
         snapshot = self.look()
