@@ -2,7 +2,7 @@
 
 From strongest to weakest: flags, the environment (`CRUNCH_CRUNCH__FILTER__PARTICLES=500`), the `--config` file, the
 recording's header, defaults. A preset stands where it is named, below the keys of that same place. Defaults live in the
-parameter classes only. Uses its sibling `estimator` for the worker's parameters.
+parameter classes only. Uses its siblings `estimator` and `control`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pydantic_settings import (
     TomlConfigSettingsSource,
 )
 
+from server.control import ControlParams
 from server.errors import UserError
 from server.estimator import EstimatorParams
 from server.robots.crunch import Crunch, CrunchParams
@@ -68,6 +69,7 @@ class Config(BaseSettings):
     preset: Literal["default", "thesis"] = "default"
     crunch: CrunchParams = CrunchParams()
     estimator: EstimatorParams = EstimatorParams()
+    control: ControlParams = ControlParams()
     web: WebParams = WebParams()
 
     @classmethod

@@ -16,21 +16,23 @@ class SourceHealth:
         self.received = 0
         self.lost = 0
         self.sequence: int | None = None
-        self.first = math.inf
-        self.last = -math.inf
+        self.first = math.inf  # s, when the first and the newest frame were sampled
+        self.newest = -math.inf
+        self.last = -math.inf  # s, when the last one came
         self.seconds: deque[list[int]] = deque(maxlen=WINDOW)  # (second, received, lost)
 
     def restart(self) -> None:
         """The board has booted: its numbers begin anew."""
         self.sequence = None
 
-    def count(self, sequence: int, t: float) -> int:
-        """Counts a good frame at time t and returns how many are missing before it."""
-        missing = self._missing(sequence, t)
+    def count(self, sequence: int, t: float, sampled: float) -> int:
+        """Counts a good frame that came at time t and was sampled at `sampled`; returns how many miss before it."""
+        missing = self._missing(sequence, sampled)
         self.sequence = sequence
         self.received += 1
         self.lost += missing
-        self.first = min(self.first, t)
+        self.first = min(self.first, sampled)
+        self.newest = max(self.newest, sampled)
         self.last = t
         if not self.seconds or self.seconds[-1][0] != int(t):
             self.seconds.append([int(t), 0, 0])
@@ -38,13 +40,16 @@ class SourceHealth:
         self.seconds[-1][2] += missing
         return missing
 
-    def _missing(self, sequence: int, t: float) -> int:
-        """The gap in the numbers, with as many whole wraps as the board's usual rate makes likely."""
+    def _missing(self, sequence: int, sampled: float) -> int:
+        """The gap in the numbers, with as many whole wraps as the board's usual rate makes likely.
+
+        The board's own time tells it: frames that stood in a queue come late, but none of them is missing.
+        """
         if self.sequence is None:
             return 0
         gap = (sequence - self.sequence - 1) % SEQUENCES
-        age = self.last - self.first
-        usual = (self.received + self.lost) / age * (t - self.last) if age > 1.0 else 0.0
+        age = self.newest - self.first
+        usual = (self.received + self.lost) / age * (sampled - self.newest) if age > 1.0 else 0.0
         wraps = round((usual - 1.0 - gap) / SEQUENCES)
         return max(gap + wraps * SEQUENCES, 0)  # a frame heard twice looks like the longest gap, and is none
 

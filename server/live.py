@@ -28,7 +28,7 @@ import uvicorn
 from server.api import create_app
 from server.bridge import Bridge
 from server.config import Config
-from server.control import Control, ControlParams
+from server.control import Control
 from server.errors import UserError
 from server.estimator import WorkerEstimator
 from server.guard import is_loopback
@@ -76,7 +76,7 @@ def run_demo(
     except (virtual.WorldError, virtual.PlanError, virtual.CompilerError) as error:
         raise UserError(str(error)) from None
     robot.autopilot = autopilot
-    control = Control(ControlParams().at_speed(speed), autopilot)
+    control = Control(options.config.control.at_speed(speed), autopilot)
     return run(options, lambda: [VirtualLink(robot, f"virtual:{world}", speed)], control, robot)
 
 
@@ -85,7 +85,7 @@ def run_serve(links: Sequence[str], options: LiveOptions) -> int:
     if not links:
         raise UserError("no link given; name one, as in --link serial:/dev/ttyUSB0")
     opened = [open_link(spec) for spec in links]
-    return run(options, lambda: opened, Control(ControlParams()), None)
+    return run(options, lambda: opened, Control(options.config.control), None)
 
 
 def run(options: LiveOptions, make_links: Callable[[], list[Link]], control: Control, virtual: Any) -> int:

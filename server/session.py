@@ -130,8 +130,9 @@ class Session:
         if frame.source == channels.DRIVE:
             self.drive_link = link_id
         self.frames[channels.CHANNELS[frame.channel].name] += 1
-        health.count(frame.sequence, arrival)
-        return channels.convert(frame, values, clock.to_host(frame.time_ms, arrival), self.calibration)
+        sampled = clock.to_host(frame.time_ms, arrival)
+        health.count(frame.sequence, arrival, sampled)
+        return channels.convert(frame, values, sampled, self.calibration)
 
     def _frame(self, command: Command) -> bytes:
         echo_ms = self.clocks[channels.DRIVE].newest_ms

@@ -157,6 +157,17 @@ def test_losses_of_more_than_a_wrap_are_counted_by_the_usual_rate(silence):
     assert session.health(end / 1000 + 2)["lost"] == lost
 
 
+@pytest.mark.parametrize("stall", [0.5, 2.0, 5.0])
+def test_frames_that_stood_in_a_queue_are_late_and_not_lost(stall):
+    session, _ = new_session()
+    boards = Boards()
+    feed(session, boards.frames(0, 10_000))
+    end = 10.0 + stall
+    session.receive("radio", b"".join(link.encode(f) for _, f in boards.frames(10_000, int(1000 * end))), end)
+    feed(session, boards.frames(int(1000 * end), int(1000 * end) + 2000))
+    assert session.health(end + 2.0)["lost"] == 0
+
+
 def test_a_frame_heard_twice_is_no_loss():
     session, _ = new_session()
     frames = list(Boards().frames(0, 5000))
