@@ -21,8 +21,8 @@ ANGLE, DISTANCE, TURN_BIAS, SCALE_BIAS, TURN_JITTER, SCALE_JITTER, OFFSET = rang
 class MotionParams(Params):
     """Standard deviations of odometry's errors; noise grows with the root of the distance, biases with the distance."""
 
-    turn_noise: float = Field(default=0.035, ge=0.0)  # rad per root metre
-    distance_noise: float = Field(default=0.05, ge=0.0)  # m per root metre
+    turn_noise: float = Field(default=0.040, ge=0.0)  # rad per root metre
+    distance_noise: float = Field(default=0.055, ge=0.0)  # m per root metre
     rotation_noise: float = Field(default=0.05, ge=0.0)  # rad per rad turned
     turn_bias: float = Field(default=0.03, ge=0.0)  # rad/m, spread of the particles' biases at the start
     scale_bias: float = Field(default=0.03, ge=0.0)  # share of the distance, likewise
