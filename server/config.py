@@ -38,8 +38,10 @@ THESIS: dict[str, Any] = {
     "crunch": {
         "hindsight": 0,
         "local_map": {"reach": 1.0, "resample": True},
+        "walls": {"thickness": 1e-3},  # the first point above the threshold
+        "vfh": {"radial_sum": True, "robot_radius": 0.0, "clearance": 0.0},
         "filter": {
-            "motion": {"turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
+            "motion": {"rotation_noise": 0.0, "turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
             "direction": {"gain": 0.0},
             "comparison": {
                 "affinity": {"states": 2, "both_free": 1.0, "both_wall": 1.0, "differ": -1.0, "gain": 0.3},
@@ -47,7 +49,6 @@ THESIS: dict[str, Any] = {
         },
     }
 }
-PRESETS: dict[str, dict[str, Any]] = {"default": {}, "thesis": THESIS}
 
 
 class ConfigError(UserError):
@@ -83,6 +84,20 @@ class Config(BaseSettings):
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Only what is handed in: `load` reads the other places itself, to know where each value stands."""
         return (init_settings,)
+
+
+def at_same_keys(values: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """What `values` hold at the nested keys of another."""
+    return {
+        key: at_same_keys(values[key], below) if isinstance(below, Mapping) else values[key]
+        for key, below in keys.items()
+    }
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": at_same_keys(Config().model_dump(), THESIS),  # takes back what another preset set
+    "thesis": THESIS,
+}
 
 
 class Layer(NamedTuple):
@@ -194,8 +209,10 @@ def merge(weak: Mapping[str, Any], strong: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def preset_of(layer: Layer) -> dict[str, Any]:
-    """The values of the preset that a place names."""
-    name = layer.values.get("preset", "default")
+    """The values of the preset that a place names, if it names one."""
+    if "preset" not in layer.values:
+        return {}
+    name = layer.values["preset"]
     if name not in PRESETS:
         raise ConfigError(f"{place_of(layer, ('preset',))}: preset `{name}` is unknown; choose {' or '.join(PRESETS)}")
     return PRESETS[name]

@@ -37,7 +37,8 @@ class AffinityParams(Params):
     label_cell: float = Field(default=0.04, gt=0.0)  # m
     early_exit: float = -math.inf  # running mean below which the rest of the points is not looked at
     segment_scale: float = Field(default=0.1, gt=0.0)  # m, decay of affinity 1 with distance
-    gain: float = Field(default=5.0, ge=0.0)  # log weight per unit of affinity: the tempering
+    gain: float = Field(default=5.0, ge=0.0)  # log weight per mean score of the points: the tempering
+    segment_gain: float = Field(default=10.0, ge=0.0)  # log weight per square metre of segments that agree
 
 
 class Pattern(NamedTuple):

@@ -107,7 +107,7 @@ class Observations:
             params.neighbours,
             params.range,
             params.gap,
-            affinity.gain,
+            affinity.gain if affinity.kind == "points" else affinity.segment_gain,
             affinity.kind == "points",
             affinity.segment_scale,
             Pattern(

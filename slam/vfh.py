@@ -27,6 +27,7 @@ class VfhParams(Params):
     sectors: int = Field(default=72, ge=8)  # of the polar histogram
     reach: float = Field(default=1.0, gt=0.0)  # m; obstacles beyond do not count
     threshold: float = Field(default=0.01, gt=0.0)  # m; density that closes a sector
+    radial_sum: bool = False  # all cells of a direction add up (thesis); otherwise the strongest of each ring
     smoothing: int = Field(default=1, ge=0)  # neighbours on either side that a sector is averaged with
     robot_radius: float = Field(default=0.076, ge=0.0)  # m
     clearance: float = Field(default=0.12, ge=0.0)  # m, added to the robot's radius
@@ -62,12 +63,12 @@ class Way(NamedTuple):
 
 
 @njit(cache=True)
-def widened_obstacles(grid, pose, reach, limit, half_width, n_sectors):
+def widened_obstacles(grid, pose, reach, limit, half_width, n_sectors, adds_up):
     """Weight (rings, sectors) of the strongest obstacle of each ring that a robot on its way along the sector touches.
 
     Rings are one cell deep. The weight is certainty^2 (1 - distance / reach); the certainty of a cell is 2 p - 1, that
     is tanh(log odds / 2), and 0 if it is rather free. Cells beyond `limit` m do not count, nor do those within half a
-    cell of the robot's centre, which have no bearing.
+    cell of the robot's centre, which have no bearing. With `adds_up` all cells of a ring count, not only the strongest.
     """
     resolution = grid.resolution
     n_rows, n_columns = grid.cells.shape
@@ -92,7 +93,8 @@ def widened_obstacles(grid, pose, reach, limit, half_width, n_sectors):
             first = min(math.ceil(sector - spread), round(sector))
             last = max(math.floor(sector + spread), round(sector))
             for k in range(first, last + 1):
-                polar[ring, k % n_sectors] = max(polar[ring, k % n_sectors], weight)
+                present = polar[ring, k % n_sectors]
+                polar[ring, k % n_sectors] = present + weight if adds_up else max(present, weight)
     return polar
 
 
@@ -113,7 +115,9 @@ class Vfh:
         """
         params = self.params
         x, y, theta = (float(value) for value in pose)
-        polar = widened_obstacles(grid, (x, y, theta), params.reach, limit, params.half_width, params.sectors)
+        polar = widened_obstacles(
+            grid, (x, y, theta), params.reach, limit, params.half_width, params.sectors, params.radial_sum
+        )
         densities = grid.resolution * polar.sum(axis=0)
         return densities[self.neighbours] @ self.kernel
 

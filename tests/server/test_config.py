@@ -59,7 +59,24 @@ def test_a_preset_stands_where_it_is_named(tmp_path):
     file = write(tmp_path / "c.toml", 'preset = "thesis"\n[crunch.local_map]\nreach = 1.5\n')
     assert load(file=file).crunch.local_map.reach == 1.5, "keys of the same place win over it"
     assert load({"preset": "thesis"}, file).crunch.local_map.reach == 1.0, "a stronger place's preset wins over keys"
-    assert load({"preset": "default"}, file).crunch.filter.comparison.affinity.states == 2
+    undone = load({"preset": "default"}, file)
+    assert undone.crunch == load().crunch, "the default preset takes back what a weaker place's preset set"
+    assert load({"preset": "default"}, None, load({"preset": "thesis"}).model_dump()).crunch == load().crunch
+
+
+def test_the_thesis_preset_is_the_thesis():
+    """By section: 2.1 first point and resampling, 2.2 plain sum, 2.3 at once, 2.5 two states, 2.7 two errors."""
+    thesis = load({"preset": "thesis"}).crunch
+    affinity, motion = thesis.filter.comparison.affinity, thesis.filter.motion
+    assert (thesis.local_map.reach, thesis.local_map.resample) == (1.0, True)
+    assert thesis.walls.thickness < 0.5 * thesis.local_map.finest_cell
+    assert (thesis.vfh.radial_sum, thesis.vfh.half_width) == (True, 0.0)
+    assert (thesis.vertex_spacing, thesis.hindsight) == (0.5, 0)
+    assert (affinity.kind, affinity.states, affinity.gain) == ("points", 2, 0.3)
+    assert affinity.both_free == affinity.both_wall == -affinity.differ == 1.0
+    assert (motion.rotation_noise, motion.turn_bias, motion.scale_bias, motion.jitter) == (0.0, 0.0, 0.0, 0.0)
+    assert motion.turn_noise > 0.0 < motion.distance_noise
+    assert thesis.filter.direction.gain == 0.0
 
 
 @pytest.mark.parametrize("name", PRESETS)

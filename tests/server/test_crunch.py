@@ -26,6 +26,7 @@ from server.robots.crunch import Crunch
 from slam.local_map import LocalMapParams
 from slam.path_filter import PathFilter
 from slam.pose import between, compose
+from slam.walls import extract
 from tests.naive.walls import rectangle
 from tests.server.crunch_body import (
     HALL,
@@ -360,3 +361,21 @@ def test_the_thesis_map_is_resampled_and_still_finds_the_corridor():
     assert np.mean(np.isfinite(sides)) > 0.5
     np.testing.assert_allclose(sides[np.isfinite(sides)], 0.6, atol=0.06)
     assert np.all(np.isfinite(robot.snapshot().local_map))
+
+
+@pytest.mark.parametrize(("tilt", "is_floor"), [(0.0, False), (0.2, False), (0.45, True)])
+def test_the_bodys_lean_is_taken_out_of_the_ranges(tilt, is_floor):
+    """A beam that points down is longer than the way to the wall; one that ends on the floor says nothing of walls."""
+    robot, wall = Crunch(params_of()), 0.6
+    for message in Body(tilt=tilt).drive(0.0, 0.0, 0.5):
+        robot.step(message)
+    ahead = np.full(8, np.nan)
+    start = 0.05 + 0.203 * math.sin(tilt)
+    ahead[0] = 0.203 / math.sin(tilt) if is_floor else (wall - start) / math.cos(tilt)
+    for _ in range(6):
+        robot.step(Ranges(0.5, "infrared", ahead))
+    seen = extract(robot.local_map, robot.odometry, robot.params.walls.model_copy(update={"shortest": 1}))
+    if is_floor:
+        assert not np.isfinite(seen.distances).any()
+    else:
+        assert seen.distances[0] == pytest.approx(wall, abs=0.02)

@@ -15,7 +15,7 @@ from tests.slam.drives import REACH, laps, revisit_errors
 MOTION = {"turn_noise": 0.03, "distance_noise": 0.03, "rotation_noise": 0.03}
 AFFINITY = {"kind": "points", "states": 3, "n_points": 64, "spread": 0.6, "gain": 5.0}
 COMPARISON = {"neighbours": 3, "range": 0.8, "gap": 8, "affinity": AFFINITY}
-SEGMENTS = COMPARISON | {"affinity": {"kind": "segments", "segment_scale": 0.1, "gain": 10.0}}
+SEGMENTS = COMPARISON | {"affinity": {"kind": "segments", "segment_scale": 0.1, "segment_gain": 10.0}}
 
 
 def params_of(**changes):

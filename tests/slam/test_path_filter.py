@@ -25,7 +25,7 @@ THESIS = {
     "motion": NOISE | {"turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
     "direction": {"gain": 0.0},
 }  # with either of its two affinities
-SEGMENTS = COMPARISON | {"affinity": {"kind": "segments", "segment_scale": 0.1, "gain": 10.0}}
+SEGMENTS = COMPARISON | {"affinity": {"kind": "segments", "segment_scale": 0.1, "segment_gain": 10.0}}
 INSIDE_OUTSIDE = COMPARISON | {
     "affinity": AFFINITY | {"states": 2, "both_free": 1.0, "both_wall": 1.0, "differ": -1.0, "gain": 1.0}
 }

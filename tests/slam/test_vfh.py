@@ -284,3 +284,18 @@ def test_a_disc_gets_through_a_room_of_pillars_untouched(seed):
 def test_a_wrong_key_or_value_is_named(key, value):
     with pytest.raises(ValueError, match=key):
         VfhParams(**{key: value})
+
+
+def test_the_thesis_sums_every_cell_along_a_direction():
+    """Certainty squared, falling linearly from the centre, summed radially (thesis, 2.2): each cell in its own sector."""
+    grid = noise_map(3)
+    params = VfhParams(radial_sum=True, robot_radius=0.0, clearance=0.0, smoothing=0, reach=1.0)
+    expected = np.zeros(72)
+    for (row, column), value in np.ndenumerate(grid.cells):
+        x, y = (column + 0.5) * 0.1 + grid.x, (row + 0.5) * 0.1 + grid.y
+        distance = math.hypot(x, y)
+        if value > 0.0 and 0.05 <= distance < 1.0:
+            certainty = 2.0 / (1.0 + math.exp(-float(value))) - 1.0
+            expected[round(math.atan2(y, x) / SECTOR) % 72] += 0.1 * certainty**2 * (1.0 - distance)
+    assert np.count_nonzero(expected) > 5
+    np.testing.assert_allclose(Vfh(params).histogram(grid, HOME), expected, atol=1e-6)
