@@ -53,7 +53,7 @@ UsageError: Any = typer.BadParameter.__base__  # typer carries its own copy of c
 CommandError: Any = UsageError.__base__
 
 Robot = Annotated[str | None, typer.Option(help="Which robot; a recording knows its own.", show_default="crunch")]
-Seed = Annotated[int, typer.Option(min=0, help="Same seed, same log: the same bytes come out.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same log: the same bytes come out.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
 Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting; repeatable.")]
@@ -168,7 +168,7 @@ def replay(
 
     \b
         crunch replay drive.rlog --out map
-        crunch replay intel.log --out intel --particles 5000 --seed 3
+        crunch replay intel-dense.log --out intel --particles 5000 --seed 3
         crunch replay intel.log --out intel11 --beams 11 --max-range 5
         crunch replay drive.rlog --out map --set crunch.filter.comparison.gap=12
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MAP_FORMAT = "crunch-map-1"
-RESOLUTION = 0.05  # m per cell
+RESOLUTION = 0.05  # m per cell, where the grid stays within MAX_CELLS
+MAX_CELLS = 4000  # along either side of a grid; one jump of the odometry may stretch a map over kilometres
 TRAIL_POINTS = 20_000  # of a drawn trajectory
 MARGIN = 0.5  # m of unknown around what was seen
 OCCUPIED_SHARE = (
@@ -61,7 +62,8 @@ def world_curves(path: np.ndarray, walls: list[Walls]) -> list[np.ndarray]:
 
 
 def occupancy(path: np.ndarray, walls: list[Walls], resolution: float = RESOLUTION) -> OccupancyMap:
-    """Cells that vertices saw free, those that they saw walls in, and unknown ones."""
+    """Cells that vertices saw free, those that they saw walls in, and unknown ones; coarser where MAX_CELLS asks so."""
+    resolution = affordable(path, walls, resolution)
     low, shape = extent(path, walls, resolution)
     free = np.zeros(shape, np.int32)
     occupied = np.zeros(shape, np.int32)
@@ -84,10 +86,25 @@ def extent(path: np.ndarray, walls: list[Walls], resolution: float) -> tuple[np.
     """Corner (2,), on a multiple of the resolution, and (rows, columns) of a grid that holds everything seen."""
     if not len(path):
         return np.zeros(2), (1, 1)
-    reach = np.array([reach_of(seen) for seen in walls])[:, None] + MARGIN
-    low = np.floor((path[:, :2] - reach).min(axis=0) / resolution) * resolution
-    columns, rows = np.ceil(((path[:, :2] + reach).max(axis=0) - low) / resolution).astype(int)
+    low, high = seen_box(path, walls)
+    low = np.floor(low / resolution) * resolution
+    columns, rows = np.ceil((high - low) / resolution).astype(int)
     return low, (int(rows), int(columns))
+
+
+def seen_box(path: np.ndarray, walls: list[Walls]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corner (2,) of everything seen, with the margin."""
+    if not len(path):
+        return np.zeros(2), np.zeros(2)
+    reach = np.array([reach_of(seen) for seen in walls])[:, None] + MARGIN
+    return (path[:, :2] - reach).min(axis=0), (path[:, :2] + reach).max(axis=0)
+
+
+def affordable(path: np.ndarray, walls: list[Walls], resolution: float) -> float:
+    """The resolution, doubled until a grid of everything seen stays within MAX_CELLS."""
+    low, high = seen_box(path, walls)
+    doublings = math.log2(max(float((high - low).max()) / ((MAX_CELLS - 1) * resolution), 1.0))
+    return resolution * 2.0 ** math.ceil(doublings)
 
 
 def count_free(free: np.ndarray, low: np.ndarray, resolution: float, pose: np.ndarray, seen: Walls) -> None:

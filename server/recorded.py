@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from server.channels import Calibration
+from server.config import ConfigError
 from server.formats.errors import FormatError, read_bytes
-from server.formats.logs import Log, read_log
+from server.formats.logs import Log, check_laser, read_log
 from server.messages import Effect, Message
 from server.recording import Kind, Reader, Record, is_recording
 from server.session import Session
+from slam.rangefinder import RingParams
 
 ODOMETRY_RATE = 50.0  # Hz
+RING_SIZES = {"sonar": 8, "infrared": 8}  # ranges in a frame of each kind
+
+
+def check_rings(sensors: Mapping[str, RingParams]) -> None:
+    """ConfigError where a ring has another number of bearings than the boards report ranges."""
+    for name, size in RING_SIZES.items():
+        found = len(sensors[name].bearings_deg) if name in sensors else size
+        if found != size:
+            key = f"crunch.sensors.{name}.bearings_deg"
+            raise ConfigError(f"settings: `{key}` has {found} bearings, but the boards report {size}; give {size}")
 
 
 class Listener:
@@ -38,6 +50,7 @@ def open_log(path: Path | str, beams: int | None = None, max_range: float | None
     if path.is_file():
         read_bytes(path)  # tells what hinders reading before anything guesses at the content
         if path.suffix == ".rlog" or is_recording(path):
+            check_laser(path, beams)
             return recorded_log(path)
     return read_log(path, beams, max_range)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,10 @@ from server.formats.errors import FormatError
 from server.formats.g2o import format_g2o
 from server.formats.logs import Log
 from server.formats.ros_map import write_ros_map
+from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
 from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
-from server.recorded import open_log
+from server.recorded import check_rings, open_log
 from server.report import Report, describe_machine, peak_rss_mb
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
 from slam.path_filter import PathEstimate
@@ -111,8 +112,11 @@ def run_log(
 
 
 def with_sensors(params: CrunchParams, log: Log) -> CrunchParams:
-    """The robot with the senses that the log was made with."""
-    return params.model_copy(update={"sensors": log.sensors}) if log.sensors else params
+    """The robot with the senses that the log was made with; ConfigError where the robot's own do not fit it."""
+    if log.sensors:
+        return params.model_copy(update={"sensors": log.sensors})
+    check_rings(params.sensors)
+    return params
 
 
 def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: Progress | None = None) -> Drive:
@@ -181,15 +185,35 @@ def replay(path: Path, out: Path, options: Options, progress: Progress | None = 
     threads = options.threads or os.cpu_count() or 1
     result = run_log(log, params, options.seed, threads, progress)
     before = time.perf_counter()
-    report = report_of(result, log, options, params)
-    write_outputs(out, result, params, report)
+    floor = floor_of(result)
+    report = report_of(result, log, replace(options, threads=threads), settings)
+    report.warnings.extend(coarseness(floor))
+    write_outputs(out, result, floor, params, report)
     seconds = {**report.seconds, "write": round(time.perf_counter() - before, 3)}
     report = report.model_copy(update={"seconds": seconds, "peak_rss_mb": peak_rss_mb()})
     write_atomically(out / "report.json", report.model_dump_json(indent=2) + "\n")  # last: the folder is complete
     return report
 
 
-def report_of(result: Result, log: Log, options: Options, params: CrunchParams) -> Report:
+def floor_of(result: Result) -> maps.FloorMap:
+    """The map of a run, with the whole trajectory to be drawn."""
+    drive, estimate = result.drive, result.estimate
+    floor = maps.floor_map(estimate.path, drive.walls, int(estimate.fixed_depth))
+    return floor._replace(trail=maps.trail_of(result.trajectory, drive.rows, floor.settled))
+
+
+def coarseness(floor: maps.FloorMap) -> list[str]:
+    """A warning where the map had to be drawn in larger cells than usual."""
+    if floor.grid is None or floor.grid.resolution <= maps.RESOLUTION:
+        return []
+    across = floor.grid.resolution * max(floor.grid.cells.shape) / 1000.0
+    return [
+        f"the path spans {across:.1f} km, so map.pgm has cells of {floor.grid.resolution:g} m instead of "
+        f"{maps.RESOLUTION:g} m; look for a jump in the log's odometry"
+    ]
+
+
+def report_of(result: Result, log: Log, options: Options, settings: config.Config) -> Report:
     """The figures of a run."""
     estimate, drive = result.estimate, result.drive
     duration = float(drive.times.max() - drive.times.min())
@@ -199,6 +223,11 @@ def report_of(result: Result, log: Log, options: Options, params: CrunchParams) 
         kind=log.kind,
         description=log.description,
         seed=options.seed,
+        threads=options.threads or 1,
+        beams=options.beams,
+        max_range=(options.max_range or BEAM_MAX_RANGE) if options.beams else None,
+        preset=settings.preset,
+        settings=settings.model_dump(mode="json", exclude_defaults=True, exclude={"preset"}),
         particles=estimate.n_particles,
         vertices=len(estimate.path),
         odometry_readings=len(drive.times),
@@ -219,11 +248,9 @@ def report_of(result: Result, log: Log, options: Options, params: CrunchParams) 
     )
 
 
-def write_outputs(out: Path, result: Result, params: CrunchParams, report: Report) -> None:
+def write_outputs(out: Path, result: Result, floor: maps.FloorMap, params: CrunchParams, report: Report) -> None:
     """Every file but the report; each is there whole or not at all."""
     drive, estimate = result.drive, result.estimate
-    floor = maps.floor_map(estimate.path, drive.walls, int(estimate.fixed_depth))
-    floor = floor._replace(trail=maps.trail_of(result.trajectory, drive.rows, floor.settled))
     odometry = np.array([keyframe.pose for keyframe in drive.keyframes])
     motion = params.filter.motion
     graph = maps.pose_graph(estimate.path, odometry, motion.turn_noise, motion.distance_noise)

@@ -7,6 +7,7 @@ import platform
 import resource
 import sys
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -21,6 +22,11 @@ class Report(BaseModel):
     kind: str
     description: str
     seed: int
+    threads: int
+    beams: int | None
+    max_range: float | None
+    preset: str
+    settings: dict[str, Any]  # nested; those that differ from the defaults
     particles: int
     vertices: int
     odometry_readings: int

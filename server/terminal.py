@@ -63,8 +63,11 @@ def live_settings(
 ) -> Config:
     """The settings of a live session, for which the working directory's config.toml counts."""
     from server.config import load, working_file
+    from server.recorded import check_rings
 
-    return load(settings_flags(preset, particles, None), file or working_file(), None, assignments or ())
+    settings = load(settings_flags(preset, particles, None), file or working_file(), None, assignments or ())
+    check_rings(settings.crunch.sensors)
+    return settings
 
 
 def live_options(config: Config, host: str | None, port: int | None, opens_browser: bool) -> LiveOptions:

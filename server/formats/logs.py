@@ -49,6 +49,7 @@ def read_log(path: Path | str, beams: int | None = None, max_range: float | None
     reduction = sparse.Reduction(beams, max_range)
     folder = sonar8.folder_of(path)
     if folder is not None:
+        check_laser(folder, beams)
         return sonar8_log(folder)
     content = read_bytes(path, "name a log file")
     if not content.strip():
@@ -56,6 +57,12 @@ def read_log(path: Path | str, beams: int | None = None, max_range: float | None
     if carmen.is_carmen(content[:SNIFFED]):
         return carmen_log(path, reduction)
     raise FormatError(path, None, "is no log that crunch knows", KNOWN)
+
+
+def check_laser(path: Path, beams: int | None) -> None:
+    """FormatError where a laser is to be thinned in a log that has none."""
+    if beams is not None:
+        raise FormatError(path, None, "has no laser that --beams could thin", "leave out --beams and --max-range")
 
 
 def sonar8_log(folder: Path) -> Log:
@@ -79,6 +86,12 @@ def carmen_log(path: Path, reduction: sparse.Reduction) -> Log:
     warnings = []
     if recording.truncated_at is not None:
         warnings.append(f"{path}:{recording.truncated_at}: the last row is cut; replayed up to it")
+    density = sparse.scans_per_half_metre(recording)
+    if reduction.beams is None and density < sparse.DENSE:
+        warnings.append(
+            f"{path}: {density:.1f} scans per half metre driven are few for Crunch's senses, "
+            f"which need {sparse.DENSE:g}; use a denser log, or --beams"
+        )
     return Log(
         path=path,
         kind="carmen",

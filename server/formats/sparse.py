@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ CONE = 22.5  # degrees to either side that a sonar hears
 SONAR_MAX_RANGE = 3.0  # m
 INFRARED_MAX_RANGE = 0.8  # m
 BEAM_MAX_RANGE = 5.0  # m; the reach to which the literature cuts thinned lasers
+DENSE = 2.0  # scans per half metre, the spacing of vertices, from which a few directions show where walls are
 
 
 class Reduction(NamedTuple):
@@ -41,10 +43,16 @@ def sensors_of(bearings: np.ndarray, reduction: Reduction) -> list[Sensor]:
     return [thinned(bearings, reduction.beams, reduction.max_range or BEAM_MAX_RANGE)]
 
 
+def scans_per_half_metre(log: CarmenLog) -> float:
+    """How densely a drive was scanned on average; inf for one that never moved on."""
+    length = float(np.hypot(*np.diff(log.odometry[:, :2], axis=0).T).sum()) if len(log.odometry) > 1 else 0.0
+    return 0.5 * len(log.scans) / length if length > 0.5 else math.inf
+
+
 def directions(bearings: np.ndarray) -> np.ndarray:
-    """Multiples of 45 degrees, ascending, that the laser sees to within one beam."""
+    """Multiples of 45 degrees, ascending, that the laser sees to within one beam, and within the sonar's cone."""
     degrees = np.degrees(bearings)
-    step = abs(degrees[1] - degrees[0]) + 1e-6
+    step = min(abs(degrees[1] - degrees[0]), CONE) + 1e-6  # of few beams, some lie beyond every cone
     multiples = SPACING * np.arange(-4, 4)
     return multiples[[np.min(np.abs(degrees - multiple)) <= step for multiple in multiples]]
 

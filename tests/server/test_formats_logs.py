@@ -239,3 +239,33 @@ def test_real_sonars_map_sharper_with_their_bearings_than_mirrored():
         return len(cells)
 
     assert occupied_cells(1.0) < 0.95 * occupied_cells(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("n_beams", "seen"),
+    [(3, (-90.0, 0.0, 90.0)), (4, (-90.0, -45.0, 45.0, 90.0)), (5, (-90.0, -45.0, 0.0, 45.0, 90.0))],
+)
+def test_a_laser_of_few_beams_shows_the_directions_that_they_serve(tmp_path, n_beams, seen):
+    write_one(tmp_path / "few.log", np.full(n_beams, 0.5))
+    sensors = read_log(tmp_path / "few.log").sensors
+    assert sensors is not None
+    assert sensors["sonar"].bearings_deg == seen
+    for ranges in sensed(tmp_path / "few.log").values():
+        np.testing.assert_allclose(ranges, np.full(len(seen), 0.5))
+
+
+def test_beams_for_a_log_without_a_laser_are_refused(tmp_path):
+    (tmp_path / "measurement.txt").write_text("0 " + " ".join(["500"] * 8) + "\n")
+    (tmp_path / "poses.txt").write_text("0 0 0 0\n")
+    with pytest.raises(FormatError, match="has no laser that --beams could thin"):
+        read_log(tmp_path, beams=5)
+
+
+def test_scans_too_rare_for_few_directions_are_warned_of(tmp_path):
+    write_room_log(tmp_path / "dense.log", scan_every=2)
+    assert read_log(tmp_path / "dense.log").warnings == ()
+    write_room_log(tmp_path / "rare.log", scan_every=6)
+    (warning,) = read_log(tmp_path / "rare.log").warnings
+    assert "rare.log: 1." in warning
+    assert "scans per half metre" in warning
+    assert read_log(tmp_path / "rare.log", beams=11).warnings == (), "which the literature does with such logs"

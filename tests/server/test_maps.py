@@ -136,3 +136,12 @@ def test_trail_meets_where_the_path_is_settled():
     np.testing.assert_array_equal(settled, trajectory[:5])
     np.testing.assert_array_equal(still_open[0], trajectory[4])
     np.testing.assert_array_equal(still_open[-1], trajectory[-1])
+
+
+def test_a_jump_of_kilometres_makes_the_grid_coarser_and_not_larger(room):
+    path, walls = room
+    path = path + np.array([[0.0, 0.0, 0.0], [9000.0, -40.0, 0.0], [9000.0, -40.0, 0.0]])
+    grid = maps.occupancy(path, walls)
+    assert maps.MAX_CELLS / 2 <= max(grid.cells.shape) <= maps.MAX_CELLS
+    assert math.log2(grid.resolution / maps.RESOLUTION) % 1.0 == 0.0
+    assert OCCUPIED in grid.cells

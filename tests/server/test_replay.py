@@ -15,6 +15,7 @@ from server.channels import CHANNELS, INFRARED, ODOMETRY, SONAR
 from server.config import load
 from server.errors import UserError
 from server.formats import FormatError, read_log
+from server.formats.carmen import format_odom
 from server.formats.g2o import read_g2o
 from server.formats.ros_map import FREE, OCCUPIED, read_ros_map
 from server.formats.tum import read_tum
@@ -25,7 +26,8 @@ from server.replay import Options, replay, run_log
 from server.robots.crunch import CrunchParams
 from server.simulate import Simulation, simulate_drive
 from slam.evaluate import absolute_error
-from tests.server.logs import write_room_log
+from slam.pose import between, compose
+from tests.server.logs import BEARINGS, cast, drive, write_room_log
 
 FILES = {
     "trajectory.tum", "map.png", "map.pgm", "map.yaml", "map.json", "path.g2o", "profile.csv", "report.json",
@@ -113,11 +115,15 @@ def test_a_cut_recording_replays_up_to_the_cut_and_says_so(recording, tmp_path):
 
 
 def test_the_recordings_settings_count_below_the_files(recording, tmp_path):
-    log = open_log(recording)
-    assert log.robot == "crunch"
-    assert log.configuration == {}, "a simulated recording carries only what was set"
-    report = replay(recording, tmp_path, Options(threads=1, assignments=["crunch.filter.particles=50"]))
-    assert report.particles == 50
+    assert open_log(recording).configuration == {}, "a simulated recording carries only what was set"
+    path, file = tmp_path / "set.rlog", tmp_path / "set.toml"
+    settings = load(assignments=["crunch.filter.particles=77"])
+    simulate_drive(Simulation("crunch", "demo", "demo", 5, path, duration=8.0), settings)
+    file.write_text("[crunch.filter]\nparticles = 50\n")
+    assert open_log(path).robot == "crunch"
+    assert open_log(path).configuration == {"crunch": {"filter": {"particles": 77}}}
+    assert replay(path, tmp_path / "plain", Options(threads=1)).particles == 77
+    assert replay(path, tmp_path / "file", Options(threads=1, file=file)).particles == 50
 
 
 def write_without(recording: Path, dropped: set[int], path: Path) -> Path:
@@ -166,3 +172,64 @@ def test_progress_rises_with_the_odometry_read(tmp_path):
     assert seen
     assert seen == sorted(seen)
     assert seen[-1] <= log.n_odometry
+
+
+def test_a_jump_of_the_odometry_costs_resolution_and_nothing_else(room_log, tmp_path):
+    lines = room_log.read_text().splitlines(keepends=True)
+    for row in range(len(lines) // 2, len(lines)):
+        if lines[row].startswith("ODOM"):
+            words = lines[row].split(" ")
+            lines[row] = " ".join([words[0], str(float(words[1]) + 9000.0), *words[2:]])
+    (tmp_path / "jump.log").write_text("".join(lines))
+    report = replay(tmp_path / "jump.log", tmp_path / "out", options())
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert any("km, so map.pgm has cells of" in warning for warning in report.warnings)
+
+
+def test_the_report_tells_runs_apart(room_log, tmp_path):
+    plain = replay(room_log, tmp_path / "plain", Options(threads=1, assignments=["crunch.filter.particles=60"]))
+    assert (plain.preset, plain.threads, plain.beams, plain.max_range) == ("default", 1, None, None)
+    assert plain.settings == {"crunch": {"filter": {"particles": 60}}}
+    flags = {"preset": "thesis", "crunch": {"filter": {"particles": 60}}}
+    other = replay(room_log, tmp_path / "other", Options(threads=2, beams=7, flags=flags))
+    assert (other.preset, other.threads, other.beams, other.max_range) == ("thesis", 2, 7, 5.0)
+    assert other.settings["crunch"]["hindsight"] == 0
+
+
+def test_a_ring_of_another_size_than_the_boards_is_refused(recording, tmp_path):
+    with pytest.raises(UserError, match=r"crunch\.sensors\.sonar\.bearings_deg` has 1 bearings"):
+        replay(recording, tmp_path, options(assignments=["crunch.sensors.sonar.bearings_deg=[0.0]"]))
+
+
+def test_beams_for_a_recording_are_refused(recording):
+    with pytest.raises(FormatError, match="has no laser that --beams could thin"):
+        open_log(recording, beams=5)
+
+
+def write_laser_log(path: Path, mount: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A laser at `mount` on the robot of the room, as ROBOTLASER1 rows; times (n,) and true poses (n, 3)."""
+    truth = drive(laps=3)
+    times = 100.0 + 0.25 * np.arange(len(truth))
+    rows = []
+    for t, pose in zip(times, truth, strict=True):
+        laser = compose(pose, mount)
+        ranges = " ".join(f"{distance:.4f}" for distance in cast(laser, BEARINGS))
+        head = f"ROBOTLASER1 0 {BEARINGS[0]:.9f} 3.14159 {np.radians(1.0):.9f} 50 0.01 0 {len(BEARINGS)}"
+        seats = " ".join(f"{part:.6f}" for part in (*laser, *pose))
+        rows += [format_odom(t, pose), f"{head} {ranges} 0 {seats} 0 0 0 0 0 {t:.6f} host {t:.6f}\n"]
+    path.write_text("".join(rows))
+    return times, truth
+
+
+def test_the_trajectory_is_the_robots_wherever_its_laser_sits(tmp_path):
+    mount = np.array([0.3, -0.1, 0.4])
+    _, truth = write_laser_log(tmp_path / "offset.log", mount)
+    log = read_log(tmp_path / "offset.log")
+    np.testing.assert_allclose(log.mount, mount, atol=1e-5)
+    result = run_log(log, CrunchParams.model_validate(FEW["crunch"]), seed=1)
+    np.testing.assert_allclose(result.trajectory[0], truth[0], atol=1e-5)
+    driven, true = (between(poses[:-1], poses[1:]) for poses in (result.trajectory, truth))
+    turning = np.hypot(true[:, 0], true[:, 1]) < 1e-6
+    swing = np.hypot(*mount[:2]) * np.pi / 16  # of the laser round the robot, at every step of a turn on the spot
+    assert np.median(np.hypot(driven[turning, 0], driven[turning, 1])) < 0.2 * swing
+    assert absolute_error(result.trajectory, truth).translation.rmse < 0.3
