@@ -43,7 +43,7 @@ class LocalMapParams(Params):
     silent_reach: float = Field(default=0.875, ge=0.0, le=1.0)  # the same for infra-red and laser beams
     sonar_arc: float = Field(default=0.04, gt=0.0)  # m, half the thickness of the arc where an echo may come from
     sonar_margin: float = Field(default=0.06, ge=0.0)  # m before the echo that are not called free
-    footprint: float = Field(default=0.12, ge=0.0)  # m around the robot that are free because it stands there
+    footprint: float = Field(default=0.09, ge=0.0)  # m around the robot that are free because its decks are there
     resample: bool = False  # the thesis's transform-and-resample at every move
 
 

@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
         "server.recording", "server.transport",
     ),
-    ("server.robots", "server.robots.crunch", "server.robots.odometry"),
+    ("server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry"),
     (
         "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health",
         "server.session",

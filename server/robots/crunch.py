@@ -1,7 +1,7 @@
 """Crunch: the balancing robot with eight sonars and eight infra-red rangefinders. What it is and what it does.
 
 Logs of other robots are mapped by the same estimator: their odometry comes integrated, their rings of sensors differ.
-Uses its sibling `odometry`.
+Uses its siblings `foldback` and `odometry`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from server.messages import (
     StopCommand,
     Wheels,
 )
+from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
 from slam.local_map import LocalMap, LocalMapParams
 from slam.local_search import LocalSearch, LocalSearchParams
@@ -88,6 +89,7 @@ class Crunch:
     def __init__(self, params: CrunchParams):
         self.params = params
         self.local_map = LocalMap(params.local_map, params.sensors, border=params.hindsight * params.vertex_spacing)
+        self.tie_breaker = TieBreaker(params.sensors)
         self.vfh = Vfh(params.vfh)
         self.wheels = WheelOdometry(params.track, params.calibration.wheel_radius)
         self.t = 0.0
@@ -189,6 +191,7 @@ class Crunch:
         """Fuse a sweep where the robot was when it was taken, and steer if there is a goal."""
         before = self.last_ranges.get(message.sensor, message.ranges)
         self.last_ranges[message.sensor] = np.where(np.isnan(message.ranges), before, message.ranges)
+        believed = self.tie_breaker.believed(message.sensor, message.ranges)
         if not self.has_odometry or message.sensor not in self.local_map.rings:
             return []
         pose, tilt = self.odometry, self.tilt
@@ -196,7 +199,7 @@ class Crunch:
             x, y, theta, tilt = self.wheels.at(message.t)
             pose = np.array([x, y, theta])
         self.local_map.move(self.odometry)
-        self.local_map.fuse(message.sensor, message.ranges, pose, tilt)
+        self.local_map.fuse(message.sensor, believed, pose, tilt)
         self.has_seen = True
         return self.steer() if self.goal is not None else []
 
