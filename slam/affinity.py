@@ -35,7 +35,9 @@ class AffinityParams(Params):
     differ: float = -1.3
     wall_thickness: float = Field(default=0.25, gt=0.0)  # m behind a wall that count as outside
     label_cell: float = Field(default=0.04, gt=0.0)  # m
-    early_exit: float = -math.inf  # running mean below which the rest of the points is not looked at
+    early_exit: float = Field(
+        default=-math.inf, allow_inf_nan=True
+    )  # running mean below which the rest of the points is not looked at
     segment_scale: float = Field(default=0.1, gt=0.0)  # m, decay of affinity 1 with distance
     gain: float = Field(default=5.0, ge=0.0)  # log weight per mean score of the points: the tempering
     segment_gain: float = Field(default=10.0, ge=0.0)  # log weight per square metre of segments that agree
@@ -196,7 +198,8 @@ def wall_direction(walls: Walls, step: int = 3, enough: float = 0.6, jump: float
         steady &= np.isfinite(np.roll(inside, -between))
     chords = chords[steady]
     lengths = np.abs(chords)
-    if chords.size < 3:
+    total = float(np.sum(lengths))
+    if chords.size < 3 or total == 0.0:
         return 0j
-    votes = np.sum(lengths * np.exp(4j * np.angle(chords))) / np.sum(lengths)
-    return complex(votes * min(1.0, float(np.sum(lengths)) / step / enough))
+    votes = np.sum(lengths * np.exp(4j * np.angle(chords))) / total
+    return complex(votes * min(1.0, total / step / enough))

@@ -20,6 +20,7 @@ from slam.pose import between
 from slam.rangefinder import RingParams
 
 SONAR, INFRARED, BEAM = 0, 1, 2
+MAX_REACH = 20.0  # m; farther walls would make the comparison of maps slow, and no robot here sees them
 STRIDE = 4  # cells that the robot may be off the middle before the window moves
 MODELS = {"sonar": SONAR, "infrared": INFRARED, "beam": BEAM}
 
@@ -27,7 +28,7 @@ MODELS = {"sonar": SONAR, "infrared": INFRARED, "beam": BEAM}
 class LocalMapParams(Params):
     """Size of the local map and strength of the evidence, as log odds per reading."""
 
-    reach: float | None = Field(default=None, gt=0.0)  # m from the robot to the border; None follows the sensors
+    reach: float | None = Field(default=None, gt=0.0, le=MAX_REACH)  # m to the border; None follows the sensors
     reach_share: float = Field(
         default=2.0 / 3.0, gt=0.0, le=1.0
     )  # of the longest sensor's range, where reach follows the sensors
@@ -247,7 +248,8 @@ class LocalMap:
 
     def __init__(self, params: LocalMapParams, sensors: dict[str, RingParams], border: float = 0.0):
         longest = max(ring.max_range for ring in sensors.values())
-        self.reach = params.reach if params.reach is not None else max(1.0, params.reach_share * longest)
+        followed = min(max(1.0, params.reach_share * longest), MAX_REACH)
+        self.reach = params.reach if params.reach is not None else followed
         self.resolution = max(params.finest_cell, self.reach / params.cells_per_reach)
         half = round((self.reach + border) / self.resolution) + STRIDE
         self.cells = np.zeros((2 * half, 2 * half), np.float32)

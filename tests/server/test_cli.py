@@ -165,6 +165,12 @@ def test_other_mistakes_are_one_line(crunch, tmp_path):
     assert_mendable(crunch("replay", log, "--out", "file/below"), "file/below: cannot be written")
     assert_mendable(crunch("replay", log), "Missing option '--out'", "crunch replay --help")
     assert_mendable(crunch("replay", log, "--out", "m", "--seed", "x"), "'--seed'")
+    assert_mendable(crunch("replay", log, "--out", "m", "--seed", str(2**63)), "'--seed'", "less than or equal")
+    assert_mendable(crunch("replay", log, "--out", "m", "--set", "crunch.local_map.reach=200"), "less than or equal")
+    gain = "crunch.filter.comparison.affinity.gain"
+    assert_mendable(crunch("replay", log, "--out", "m", "--set", f"{gain}=inf"), gain, "finite")
+    bearings = "crunch.sensors.sonar.bearings_deg"
+    assert_mendable(crunch("demo", "--no-browser", "--set", f"{bearings}=[0.0]"), bearings, "1 bearings")
     assert_mendable(crunch("replay", log, "--out", "m", "--particles", "0"), "crunch.filter.particles = 0")
     assert_mendable(crunch("replay", log, "--out", "m", "--preset", "tesis"), "preset `tesis` is unknown")
     assert_mendable(crunch("rplay"), "No such command 'rplay'")

@@ -328,6 +328,7 @@ def test_turning_the_vertex_turns_its_wall_direction(rays):
 
 def test_what_has_no_direction_says_so():
     assert wall_direction(Walls(np.full(N_RAYS, math.inf), np.zeros(N_RAYS))) == 0.0
+    assert wall_direction(Walls(np.zeros(N_RAYS), np.zeros(N_RAYS))) == 0.0, "walls without any length"
     assert abs(wall_direction(Walls(np.full(N_RAYS, 0.8), np.zeros(N_RAYS)))) < 1e-9
     scrap = np.full(N_RAYS, math.inf)
     scrap[:8] = 0.5

@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 import slam
+from slam.local_map import MAX_REACH, LocalMap, LocalMapParams
 from slam.params import Params
 from slam.path_filter import PathFilterParams
 from slam.rangefinder import RingParams
@@ -90,3 +91,20 @@ def test_a_sonar_without_a_cone_is_refused():
     with pytest.raises(ValidationError, match="half_angle_deg"):
         RingParams(model="sonar", bearings_deg=(0.0,))
     assert RingParams(model="sonar", bearings_deg=(0.0,), half_angle_deg=15.0).half_angle > 0.0
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
+def test_numbers_are_finite_unless_infinity_means_something(value):
+    with pytest.raises(ValidationError, match="finite"):
+        PathFilterParams.model_validate({"comparison": {"affinity": {"gain": value}}})
+    with pytest.raises(ValidationError, match="finite"):
+        RingParams(model="beam", bearings_deg=(value,))
+    never = PathFilterParams.model_validate({"comparison": {"affinity": {"early_exit": float("-inf")}}})
+    assert never.comparison.affinity.early_exit == float("-inf")
+
+
+def test_the_local_map_stays_small():
+    with pytest.raises(ValidationError, match="reach"):
+        LocalMapParams(reach=200.0)
+    far = RingParams(model="beam", bearings_deg=(0.0,), max_range=200.0)
+    assert LocalMap(LocalMapParams(), {"laser": far}).reach == MAX_REACH
