@@ -6,6 +6,7 @@ looks like an open door that nobody has a reason to drive through.
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 from typing import NamedTuple
@@ -101,7 +102,22 @@ def load_ros(path: Path) -> World:
     threshold = yaml_numbers(entries, "occupied_thresh", "0.65", path)[0]
     free = yaml_numbers(entries, "free_thresh", "0.196", path)[0]
     walls = np.where(occupied > threshold, 1.0, 0.0)
-    return world_of_floor(Floor(walls, occupied < free, resolution, origin[0], origin[1]), path.stem)
+    yaw = origin[2] if len(origin) > 2 else 0.0
+    if not np.all(np.isfinite(origin)):
+        raise WorldError(f"{path}: origin: expected finite numbers, found {entries['origin']!r}")
+    world = world_of_floor(Floor(walls, occupied < free, resolution, origin[0], origin[1]), path.stem)
+    return turned(world, np.array(origin[:2]), yaw)
+
+
+def turned(world: World, corner: np.ndarray, yaw: float) -> World:
+    """The world of an upright grid turned by `yaw` (rad) about its corner (2,), as a map's origin tells."""
+    if yaw == 0.0 or world.free is None:
+        return world
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    segments = ((world.segments.reshape(-1, 2) - corner) @ turn + corner).reshape(-1, 4)
+    start = np.array([*((world.start[:2] - corner) @ turn + corner), world.start[2] + yaw])
+    return World(segments, start, world.name, (world.free - corner) @ turn + corner, world.free_resolution)
 
 
 def world_of_floor(floor: Floor, name: str) -> World:

@@ -189,6 +189,29 @@ def test_bad_carmen_maps_are_refused(tmp_path, data, message):
         load_world(path)
 
 
+def test_ros_maps_turn_about_their_origin(tmp_path):
+    pixels = np.full((20, 30), 254, np.uint8)
+    pixels[2:4, :] = 0
+    (tmp_path / "floor.pgm").write_bytes(b"P5 30 20 255\n" + pixels.tobytes())
+    text = "image: floor.pgm\nresolution: 0.1\norigin: [-1.0, -2.0, {}]\nnegate: 0\n"
+    (tmp_path / "upright.yaml").write_text(text.format(0.0))
+    (tmp_path / "turned.yaml").write_text(text.format(0.6))
+    upright, turned = load_world(tmp_path / "upright.yaml"), load_world(tmp_path / "turned.yaml")
+    corner = -1.0 - 2.0j
+    for before, after in (
+        (upright.segments.reshape(-1, 2), turned.segments.reshape(-1, 2)),
+        (upright.free, turned.free),
+        (upright.start[None, :2], turned.start[None, :2]),
+    ):
+        expected = corner + (np.array(before) @ [1.0, 1.0j] - corner) * np.exp(0.6j)
+        np.testing.assert_allclose(np.array(after) @ [1.0, 1.0j], expected, atol=1e-9)
+    assert turned.start[2] == pytest.approx(0.6)
+    x, y = upright.start[:2]
+    upright_range = upright.cast(x, y, np.pi / 2)
+    x, y = turned.start[:2]
+    assert turned.cast(x, y, 0.6 + np.pi / 2) == pytest.approx(upright_range, abs=1e-9)
+
+
 def test_ros_maps_stand_on_their_origin_right_way_up(tmp_path):
     pixels = np.full((20, 30), 254, np.uint8)
     pixels[2:4, :] = 0  # near the image's top: far in y
