@@ -255,3 +255,24 @@ def test_kill_minus_nine_loses_nothing_that_was_appended(path):
     assert numbers == list(range(len(numbers)))
     assert len(numbers) > acknowledged
     assert reader.skipped == []
+
+
+def test_sync_waits_for_the_disk_and_append_does_not(tmp_path, monkeypatch):
+    name = "fdatasync" if hasattr(os, "fdatasync") else "fsync"
+    flush, flushed = getattr(os, name), []
+
+    def counted(descriptor):
+        flushed.append(os.fstat(descriptor).st_size)
+        flush(descriptor)
+
+    recorder = Recorder(tmp_path / "a.rlog", HEADER)
+    monkeypatch.setattr(os, name, counted)
+    for record in some_records(5):
+        recorder.append(record.kind, record.link_id, record.data, record.t)
+    assert flushed == []
+    recorder.sync()
+    assert flushed == [(tmp_path / "a.rlog").stat().st_size], "all that was appended"
+    recorder.close()
+    recorder.close()
+    recorder.sync()
+    assert len(flushed) == 2, "once more at the end, and never on a closed file"
