@@ -1,6 +1,6 @@
 """Real odometry and real buildings, one configuration for all, many seeds.
 
-    python -m bench.real [--seeds 10] [--particles 2000]
+    python -m bench.real [--seeds 10] [--particles 5000]
 
 `semi-real` drives have a log's own odometry and Crunch's simulated senses in the walls that the log's laser saw; a
 seed is a new simulation and a new filter. `five directions` is `intel-dense.log`: its real beams, thinned to the
@@ -76,7 +76,7 @@ def main() -> None:
     """Run and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--particles", type=int, default=2000)
+    parser.add_argument("--particles", type=int, default=5000)
     parser.add_argument("--preset", nargs="+", default=["default", "thesis"])
     parser.add_argument("--drives", nargs="+", default=["intel", "aces", "five"])
     parser.add_argument("--processes", type=int, default=2)

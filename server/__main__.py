@@ -58,7 +58,7 @@ Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
 Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting; repeatable.")]
 Preset = Annotated[str | None, typer.Option(help="`default`, or `thesis`: literally as Crunch's thesis has it.")]
-Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="2000")]
+Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="5000")]
 Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.", show_default="8000")]
 Host = Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")]
 

@@ -69,7 +69,7 @@ def test_a_paths_affinity_agrees_with_comparing_everything(kind, seed):
         else:
             scale = params.affinity.segment_scale
             mean = naive_affinity.segment_affinity(walls[a], walls[b], believed[a], believed[b], scale)
-        return params.affinity.gain * mean
+        return rule.gain * mean
 
     for first in (0, 17):
         expected = naive.path_affinity(believed, first, rule, score)
