@@ -253,6 +253,8 @@ class Bridge:
         return LinkStatus(
             names=[link.spec for link in self.links.values()],
             connected=any(link.is_connected for link in self.links.values()),
+            error="; ".join(f"{link.spec}: {link.error}" for link in self.links.values() if link.error),
+            reconnects=sum(link.reconnects for link in self.links.values()),
             silence_s=round(max(0.0, min(board["age"] for board in boards)), 3) if boards else None,
             lost_percent=round(100.0 * max((board["loss"] for board in boards), default=0.0), 2),
             counters={**counters, **{f"refused_{reason}": count for reason, count in health["refused"].items()}},

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import time
 from collections.abc import Awaitable, Callable
@@ -18,6 +19,8 @@ from urllib.parse import parse_qsl, urlsplit
 import serial_asyncio_fast
 
 from server.errors import UserError
+
+log = logging.getLogger(__name__)
 
 BAUD = 38400
 FORMS = "serial:/dev/ttyUSB0[?baud=38400], tcp://host:port, pty:PATH or virtual:[WORLD][?seed=0&speed=1]"
@@ -95,6 +98,7 @@ class StreamLink:
         self.connections = 0
         self.received = self.sent = self.dropped = 0  # bytes
         self.error = ""
+        self.told = ""  # the last error that was logged; a line that is heard makes it news again
 
     @property
     def is_connected(self) -> bool:
@@ -139,13 +143,19 @@ class StreamLink:
             try:
                 reader, writer = await self.connect()
             except OSError as error:
-                self.error = told(error)
+                self._fail(told(error))
             else:
-                self.error = await self._listen(reader, writer, receive)
+                self._fail(await self._listen(reader, writer, receive))
             if self.received > before:  # the line was good; one that only opens and closes is not
                 pause = self.backoff.first
             await asyncio.sleep(pause)
             pause = min(2.0 * pause, self.backoff.last)
+
+    def _fail(self, error: str) -> None:
+        """Keeps the error, and tells it once, not at each attempt."""
+        if error != self.told:
+            log.warning("link %s: %s; trying again", self.spec, error)
+        self.error = self.told = error
 
     async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, receive: Receive) -> str:
         """Hands over what comes until the line is lost, and tells why; errors of `receive` are not the line's."""
@@ -161,6 +171,7 @@ class StreamLink:
                 if not data:
                     return "closed by the other end"
                 self.received += len(data)
+                self.told = ""
                 receive(data, self.now())
         finally:
             self.writer = None

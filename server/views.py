@@ -31,6 +31,8 @@ class LinkStatus(BaseModel):
 
     names: list[str] = Field(examples=[["virtual:"]])
     connected: bool = Field(examples=[True])
+    error: str = Field(examples=[""], description="why a line is lost or not found; empty while all are open")
+    reconnects: int = Field(examples=[0], description="how often lost lines were opened again")
     silence_s: float | None = Field(examples=[0.02], description="since the last good frame; null before the first")
     lost_percent: float = Field(examples=[0.4], description="of the frames of the last seconds")
     counters: dict[str, float] = Field(examples=[{"frames": 5120, "lost": 3, "rejected": 1}])

@@ -55,6 +55,8 @@ function rowsOf({ robot, filter, link, map, driver, recording, version }) {
     ["Driven", `${robot.distance_m.toFixed(1)} m`],
     ["Link"],
     ["Radio", link.connected ? link.names.join(", ") : "not connected", link.connected ? "" : "bad"],
+    ...(link.error ? [["Fault", link.error, "bad"]] : []),
+    ["Reconnects", String(link.reconnects), link.reconnects ? "warn" : ""],
     ["Frame loss", `${link.lost_percent.toFixed(1)} %`, level(link.lost_percent, 5, 20)],
     ["Silent for", link.silence_s === null ? "–" : `${Math.round(1000 * link.silence_s)} ms`, level(link.silence_s ?? 0, 0.5, 2)],
     ["Path filter"],

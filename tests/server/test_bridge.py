@@ -124,6 +124,16 @@ def test_map_grows_and_is_published_when_it_changes():
     assert {"pose", "histogram", "local", "map", "status"} <= {topic for topic, _, _ in sent}
 
 
+def test_status_tells_why_a_line_is_dead():
+    session = HandSession()
+    assert session.bridge.status().link.error == ""
+    session.link.is_connected, session.link.error, session.link.reconnects = False, "no such device", 3
+    link = session.bridge.status().link
+    assert not link.connected
+    assert link.error == "virtual:room: no such device"
+    assert link.reconnects == 3
+
+
 def test_status_tells_link_battery_and_filter():
     session = HandSession()
     session.advance(2.5)

@@ -345,3 +345,17 @@ def test_a_text_that_is_no_link_is_told_in_one_line_with_the_forms(spec, fault):
 def test_a_virtual_robot_that_cannot_be_is_told_in_one_line(spec):
     with pytest.raises(LinkError, match="link 'virtual:"):
         open_link(spec)
+
+
+def test_a_dead_line_is_warned_of_once(caplog, tmp_path):
+    async def scene():
+        link = open_link(f"serial:{tmp_path / 'nope'}", QUICK)
+        async with running(link):
+            await until(lambda: link.error)
+            await asyncio.sleep(0.1)
+        assert "nope" in link.error
+
+    asyncio.run(scene())
+    (warning,) = (record.getMessage() for record in caplog.records if record.name == "server.transport")
+    assert "nope" in warning
+    assert "trying again" in warning
