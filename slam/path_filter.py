@@ -2,7 +2,8 @@
 
 A particle is a whole path. Each new vertex extends all of them by the motion model; where a particle's path comes back
 near itself the walls seen there are compared, and the affinity goes into its weight. Maps belong to vertices and are
-shared by all particles. Random numbers are functions of (seed, vertex, particle), so that threads change nothing.
+shared by all particles. Random numbers are functions of the seed, the vertex or the resampling, and the particle, so
+that threads change nothing.
 """
 
 from __future__ import annotations
