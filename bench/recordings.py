@@ -1,4 +1,4 @@
-"""The drives that the benchmarks run on, each made once and kept in `build/bench`, every one named by world and seed.
+"""The drives that the benchmarks run on, each made once and kept in `build/bench` by world, seed and source.
 
 Simulated drives are ordinary recordings of the virtual robot with the truth beside them; real logs are found through
 `CRUNCH_DATA` (see `data_folder`).
@@ -6,12 +6,14 @@ Simulated drives are ordinary recordings of the virtual robot with the truth bes
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import os
 from pathlib import Path
 
 import numpy as np
 
-from firmware.virtual import VirtualCrunch, corridor_cycle, corridor_plan, load_world
+from firmware.virtual import ScriptedCrunch, VirtualCrunch, corridor_cycle, corridor_plan, load_world
 from firmware.virtual.routes import tour
 from server.config import Config
 from server.formats.carmen import read_carmen
@@ -22,6 +24,7 @@ from server.simulate import record, scripted
 
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = ROOT / "build" / "bench"
+SOURCES = {".c", ".h", ".py", ".toml"}  # of the firmware and the virtual robot
 WIDTHS = (1.5, 1.8, 2.1, 2.4)  # m, corridor widths of the cycles in turn
 
 
@@ -36,9 +39,22 @@ def truth_of(log: Path) -> Path:
     return log.with_name(log.name + ".truth.tum")
 
 
-def made(name: str, robot, longest: float) -> Path:
-    """The recording `name` of what `robot()` does, made now if it was not before."""
-    path = CACHE / name
+@functools.cache
+def firmware_hash() -> bytes:
+    """Of everything that the virtual robot is made of: its recordings are only good as long as it stays."""
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / "firmware").rglob("*")):
+        if path.suffix in SOURCES and path.is_file():
+            digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.digest()
+
+
+def made(name: str, robot, longest: float, *sources: Path) -> Path:
+    """The recording `name` of what `robot()` does, made now if it was not from this firmware and these sources."""
+    digest = hashlib.sha256(firmware_hash())
+    for source in sources:
+        digest.update(hashlib.sha256(source.read_bytes()).digest())
+    path = CACHE / f"{name}-{digest.hexdigest()[:8]}.rlog"
     if not truth_of(path).exists():
         record(robot(), "crunch", path, Config(), longest, None)
     return path
@@ -52,30 +68,36 @@ def cycle(seed: int, drift: str, length: float = 50.0) -> Path:
     def robot() -> VirtualCrunch:
         return VirtualCrunch(corridor_cycle(seed, length, width), seed=seed, drift=drift, plan=plan)  # pyright: ignore
 
-    return made(f"cycle-{length:g}-{drift}-{seed}.rlog", robot, 3.0 * plan.length / 0.3)
+    return made(f"cycle-{length:g}-{drift}-{seed}", robot, 3.0 * plan.length / 0.3)
 
 
 def floor(name: str, seed: int, drift: str, length: float = 250.0) -> Path:
     """A tour of about `length` m through the real floor plan `data/maps/NAME.map`."""
     data = data_folder()
     assert data is not None
-    world = load_world(data / "maps" / f"{name}.map")
+    source = data / "maps" / f"{name}.map"
+    world = load_world(source)
     plan = tour(world, length, seed)
 
     def robot() -> VirtualCrunch:
         return VirtualCrunch(world, seed=seed, drift=drift, plan=plan)  # pyright: ignore
 
-    return made(f"floor-{name}-{drift}-{seed}.rlog", robot, 3.0 * plan.length / 0.3)
+    return made(f"floor-{name}-{drift}-{seed}", robot, 3.0 * plan.length / 0.3, source)
 
 
 def semireal(name: str, seed: int) -> Path:
     """Crunch's senses in the building that the laser of `data/NAME` saw, on its path and with its real odometry."""
     data = data_folder()
     assert data is not None
-    log = read_carmen(data / name / f"{name}.log")
-    times, reference = read_tum(data / name / "reference.tum")
+    sources = data / name / f"{name}.log", data / name / "reference.tum"
+    log = read_carmen(sources[0])
+    times, reference = read_tum(sources[1])
     longest = float(times.max() - times.min())
-    return made(f"semireal-{name}-{seed}.rlog", lambda: scripted(log, times, reference, seed, data / name), longest)
+
+    def robot() -> ScriptedCrunch:
+        return scripted(log, times, reference, seed, data / name)
+
+    return made(f"semireal-{name}-{seed}", robot, longest, *sources)
 
 
 def read(path: Path) -> tuple[Log, np.ndarray, np.ndarray]:
