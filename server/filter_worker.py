@@ -1,7 +1,7 @@
 """The other side of the pipe: a process that holds a path filter and answers one batch of keyframes at a time.
 
-It beats a counter that the parent watches, ignores Ctrl-C (the parent decides when to leave) and leaves when the
-parent is gone. It knows nothing of robots, links and clocks.
+It beats a counter that the parent watches, ignores Ctrl-C and SIGTERM (the parent decides when to leave) and leaves
+when the parent is gone. It knows nothing of robots, links and clocks.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
 
 def serve(connection: Any, beats: Any, factory: FilterFactory, shown: int) -> None:
     """Answer batches until the parent closes the pipe or dies. Runs as the worker process's main function."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a whole process group may be told
+        signal.signal(number, signal.SIG_IGN)
     parent = os.getppid()
     path_filter = factory()
     n_particles = 0

@@ -4,7 +4,10 @@ import asyncio
 import functools
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,3 +203,51 @@ def test_budget_halves_above_the_bound_and_never_goes_below_the_fewest():
 def test_small_filters_are_never_asked_for_more_than_they_have():
     budget = ParticleBudget(40, EstimatorParams(bound=1, fewest=100))
     assert [budget.next(50), budget.next(0)] == [40, 40]
+
+
+def test_a_worker_told_to_leave_with_its_group_stays_until_the_parent_ends_it():
+    async def scene():
+        found: list[Estimate] = []
+        estimator = WorkerEstimator(FACTORY, found.append, 200, QUICK)
+        task = asyncio.create_task(estimator.run())
+        await until(lambda: estimator.status().state == "idle")
+        worker = estimator.status().process_id
+        assert worker is not None
+        for number in (signal.SIGTERM, signal.SIGINT):
+            os.kill(worker, number)
+        for frame in keyframes(2):
+            estimator.submit(frame)
+        await until(lambda: found and len(found[-1].path) == 2)
+        assert (estimator.status().restarts, estimator.status().process_id) == (0, worker)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        with pytest.raises(ProcessLookupError):
+            os.kill(worker, 0)
+
+    asyncio.run(scene())
+
+
+def test_a_worker_leaves_when_its_parent_is_gone():
+    code = (
+        "import os, time\n"
+        "from server.estimator import Worker\n"
+        "from tests.server.test_estimator import FACTORY\n"
+        "if __name__ == '__main__':\n"
+        "    worker = Worker(FACTORY, 10)\n"
+        "    worker.connection.recv()\n"
+        "    print(worker.process.pid, flush=True)\n"
+        "    os.kill(os.getpid(), 9)\n"
+    )
+    parent = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    worker, end = int(parent.stdout), time.monotonic() + 10.0
+    while is_alive(worker):
+        assert time.monotonic() < end, "the worker outlives its parent"
+        time.sleep(0.02)
+
+
+def is_alive(process_id: int) -> bool:
+    """Whether there is such a process, and not only its remains."""
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{process_id}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
