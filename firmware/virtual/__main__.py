@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import signal
 import sys
+from collections.abc import Coroutine
 from pathlib import Path
+from typing import Any
 
 from firmware.virtual.native import CompilerError
 from firmware.virtual.plans import PlanError, load_plan
@@ -92,6 +95,13 @@ def tcp_address(text: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
+async def until_told(served: Coroutine[Any, Any, None]) -> None:
+    """Serves until SIGTERM, which cancels as Ctrl-C does, so that nothing is left behind."""
+    task = asyncio.ensure_future(served)
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    await task
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs until interrupted; exit code 2 and one line for what cannot be done."""
     options = parser().parse_args(arguments)
@@ -107,8 +117,8 @@ def main(arguments: list[str] | None = None) -> int:
             served = serve_tcp(robot, *tcp_address(options.tcp), options.speed, ready)
         else:
             served = serve_pty(robot, options.pty, options.speed, ready)
-        with contextlib.suppress(KeyboardInterrupt):
-            asyncio.run(served)
+        with contextlib.suppress(KeyboardInterrupt, asyncio.CancelledError):
+            asyncio.run(until_told(served))
     except (WorldError, PlanError, CompilerError, ValueError, OSError) as problem:
         print(f"error: {problem}", file=sys.stderr)
         return 2

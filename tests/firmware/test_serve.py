@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import signal
 import subprocess
 import sys
 
@@ -74,6 +75,20 @@ def test_a_host_drives_it_over_a_pseudo_terminal(tmp_path):
         assert not path.exists()
 
     asyncio.run(scene())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_takes_its_terminal_along_when_told_to_leave(tmp_path, number):
+    path = tmp_path / "crunch"
+    command = [sys.executable, "-m", "firmware.virtual", "--pty", str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
+        assert served.stdout is not None
+        assert f"pty:{path}" in served.stdout.readline()
+        assert path.is_symlink()
+        served.send_signal(number)
+        _, errors = served.communicate(timeout=30)
+    assert (served.returncode, errors) == (0, "")
+    assert not path.is_symlink()
 
 
 def test_the_command_line_teaches():
