@@ -126,6 +126,20 @@ def test_a_leaning_sonar_still_sees_an_upright_wall_at_its_distance():
     assert np.median(ring.pings(300, tilt=tilt)[:, 0]) == pytest.approx(1.5 - forward, abs=0.01)
 
 
+def test_a_leaning_sonar_hears_the_floor_once_its_cone_comes_near_the_floors_normal():
+    """A smooth floor mirrors the ping away at a driver's leans; a robot that is falling hears it."""
+    ring = Ring(World(np.empty((0, 4))))
+    driving = ring.pings(400, tilt=0.3)
+    assert np.mean(np.isfinite(driving[:, 0])) < 0.02  # ghosts
+    tilt = 0.8
+    height = 0.0508 + (0.152 - 0.0508) * math.cos(tilt) - 0.07 * math.sin(tilt)
+    falling = ring.pings(400, tilt=tilt)
+    echoes = falling[np.isfinite(falling[:, 0]), 0]
+    assert len(echoes) > 100
+    assert np.median(echoes) == pytest.approx(height / math.sin(tilt + math.radians(22.5)), abs=0.01)
+    assert np.mean(np.isfinite(falling[:, 4])) < 0.02  # the one behind looks up
+
+
 @pytest.mark.parametrize("centimetres", [8, 10, 20, 40, 80])
 def test_gp2d12_follows_its_curve(centimetres):
     assert LIB.infrared_counts(centimetres / 100) == pytest.approx(6787 / (centimetres + 4) + 3)
