@@ -84,8 +84,10 @@ def demo(
     host: Host = None,
     browser: Browser = True,
     autopilot: Annotated[bool, typer.Option("--autopilot", help="The robot drives its plan by itself.")] = False,
-    world: Annotated[str, typer.Option(help=WORLD)] = "demo",
-    plan: Annotated[str, typer.Option(help=PLAN)] = "demo",
+    world: Annotated[str | None, typer.Option(help=WORLD, show_default="the plan's")] = None,
+    plan: Annotated[
+        str | None, typer.Option(help=PLAN + " `tour:M`: M metres at random.", show_default="world's")
+    ] = None,
     drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     speed: Annotated[float, typer.Option(min=0.1, max=100.0, help="Times real time.")] = 1.0,
     seed: Seed = 0,
@@ -103,7 +105,7 @@ def demo(
 
     \b
         crunch demo --autopilot
-        crunch demo --port 8080 --no-browser --world corridor50 --plan corridor50
+        crunch demo --port 8080 --no-browser --world corridor50
     """
     from server.live import run_demo
 

@@ -2,7 +2,7 @@
 
 The links, the path filter's worker, the passing of time, the recording's syncs and the web server are its members. When
 one ends, however it ends, the motors are stopped while the links are still open, and all the others end too. Uses its
-siblings `bridge` (the session itself) and `replay` (warming the kernels up).
+siblings `bridge` (the session itself) and `replay` (warming the kernels up), and `simulate` (which plan a world has).
 """
 
 from __future__ import annotations
@@ -62,22 +62,32 @@ class LiveOptions:
 def run_demo(
     options: LiveOptions,
     autopilot: bool = False,
-    world: str = "demo",
-    plan: str = "demo",
+    world: str | None = None,
+    plan: str | None = None,
     drift: Literal["none", "low", "medium", "high"] = "medium",
     speed: float = 1.0,
 ) -> int:
-    """Serve a virtual robot in this process until Ctrl-C; exit code."""
-    from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
+    """Serve a virtual robot in this process until Ctrl-C; exit code.
 
-    try:
-        place, route = virtual.load_world(world), virtual.load_plan(plan)
+    World and plan follow from one another as in `simulate`; a world where no tour can be planned has no autopilot.
+    """
+    from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
+    from server.simulate import mendable, plan_in, world_and_plan
+
+    with mendable():
+        try:
+            place, route = world_and_plan(world, plan, options.seed)
+        except virtual.PlanError as error:
+            if plan is not None or world is None:
+                raise
+            if autopilot:
+                raise UserError(f"--autopilot needs a plan for {world} ({error}); give one with --plan") from None
+            place, route = virtual.load_world(world), None
         robot = virtual.VirtualCrunch(place, seed=options.seed, drift=drift, plan=route)
-    except (virtual.WorldError, virtual.PlanError, virtual.CompilerError) as error:
-        raise UserError(str(error)) from None
     robot.autopilot = autopilot
-    control = Control(options.config.control.at_speed(speed), autopilot)
-    return run(options, lambda: [VirtualLink(robot, f"virtual:{world}", speed)], control, robot)
+    control = Control(options.config.control.at_speed(speed), autopilot if route else None)
+    name = world or plan or plan_in(None)
+    return run(options, lambda: [VirtualLink(robot, f"virtual:{name}", speed)], control, robot)
 
 
 def run_serve(links: Sequence[str], options: LiveOptions) -> int:

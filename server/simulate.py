@@ -82,7 +82,7 @@ class Semireal(NamedTuple):
 def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
     with mendable():
-        world, plan = world_and_plan(simulation)
+        world, plan = world_and_plan(simulation.world, simulation.plan, simulation.seed)
         robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan)
     longest = simulation.duration or allowance(plan)
     end = record(robot, simulation.robot, simulation.out, settings, longest, progress)
@@ -92,14 +92,14 @@ def simulate_drive(simulation: Simulation, settings: Config, progress: Progress 
     return describe(robot, end) + warning
 
 
-def world_and_plan(simulation: Simulation) -> tuple[World, Plan]:
+def world_and_plan(world: str | None, plan: str | None, seed: int) -> tuple[World, Plan]:
     """Where to drive, and how. ValueError of the virtual robot where one of them cannot be used."""
-    name = simulation.plan or plan_in(simulation.world)
+    name = plan or plan_in(world)
     if name == TOUR or name.startswith(f"{TOUR}:"):
-        world = load_world(simulation.world or "demo")
-        return world, tour(world, tour_length(name), simulation.seed)
-    plan = load_plan(name)
-    return load_world(simulation.world or plan.world or name), plan
+        place = load_world(world or "demo")
+        return place, tour(place, tour_length(name), seed)
+    route = load_plan(name)
+    return load_world(world or route.world or name), route
 
 
 def plan_in(world: str | None) -> str:

@@ -7,12 +7,15 @@ import sys
 import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from firmware.virtual import load_plan, load_world
+from server.config import Config
 from server.control import ControlParams
 from server.errors import UserError
-from server.live import free_name, listening, page_address
+from server.live import LiveOptions, free_name, listening, page_address, run_demo
 from server.recording import Kind, Reader
 from server.stream import decode
 from tests.served import demo, wait_until
@@ -51,6 +54,36 @@ def test_recordings_never_overwrite_one_another(tmp_path):
         path.touch(exist_ok=False)
         names.append(path)
     assert len(set(names)) == 3
+
+
+@pytest.mark.parametrize(
+    ("world", "plan", "place", "route"),
+    [
+        (None, None, "demo", "demo"),
+        ("corridor50", None, "corridor50", "corridor50"),
+        (None, "corridor50", "corridor50", "corridor50"),
+    ],
+)
+def test_world_and_plan_of_a_demo_follow_from_one_another(monkeypatch, world, plan, place, route):
+    robots = []
+    monkeypatch.setattr("server.live.run", lambda options, links, control, robot: robots.append(robot) or 0)
+    assert run_demo(LiveOptions(Config()), world=world, plan=plan) == 0
+    (robot,) = robots
+    np.testing.assert_array_equal(robot.world.segments, load_world(place).segments)
+    np.testing.assert_array_equal(robot.driver.plan.points, load_plan(route).points)
+
+
+def test_a_world_without_room_for_a_tour_has_no_autopilot(monkeypatch, tmp_path):
+    cell = tmp_path / "cell.toml"
+    cell.write_text(
+        "start = [0.0, 0.0, 0.0]\nwalls = [[[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]]]\n"
+    )
+    served = []
+    monkeypatch.setattr("server.live.run", lambda options, links, control, robot: served.append(control) or 0)
+    assert run_demo(LiveOptions(Config()), world=str(cell)) == 0
+    assert served[0].autopilot is None
+    with pytest.raises(UserError, match=r"--autopilot needs a plan .*--plan"):
+        run_demo(LiveOptions(Config()), autopilot=True, world=str(cell))
 
 
 def test_people_have_the_same_time_in_a_fast_session():

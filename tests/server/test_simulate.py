@@ -109,14 +109,14 @@ def test_unknown_worlds_and_plans_are_told(tmp_path, world, plan, told):
         simulate_drive(Simulation("crunch", world, plan, 1, tmp_path / "a.rlog", duration=1.0), load())
 
 
-def test_a_plan_brings_its_world_and_a_world_its_plan_or_a_tour(tmp_path):
+def test_a_plan_brings_its_world_and_a_world_its_plan_or_a_tour():
     def chosen(world: str | None, plan: str | None) -> tuple[str, str]:
-        place, route = world_and_plan(Simulation("crunch", world, plan, 1, tmp_path / "a.rlog"))
+        place, route = world_and_plan(world, plan, 1)
         return place.name, route.name
 
     assert chosen(None, None) == chosen("demo", None) == chosen(None, "demo") == chosen("demo", "demo")
     assert chosen("corridor50", None) == chosen(None, "corridor50")
-    _, plan = world_and_plan(Simulation("crunch", "demo", "tour:30", 1, tmp_path / "a.rlog"))
+    _, plan = world_and_plan("demo", "tour:30", 1)
     assert 25.0 < plan.length < 60.0
 
 
