@@ -287,7 +287,7 @@ def test_a_wrong_key_or_value_is_named(key, value):
 
 
 def test_the_thesis_sums_every_cell_along_a_direction():
-    """Certainty squared, falling linearly from the centre, summed radially (thesis, 2.2): each cell in its own sector."""
+    """Certainty squared, falling linearly from the centre, summed radially (thesis, 2.2); a cell in its own sector."""
     grid = noise_map(3)
     params = VfhParams(radial_sum=True, robot_radius=0.0, clearance=0.0, smoothing=0, reach=1.0)
     expected = np.zeros(72)
