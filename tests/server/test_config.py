@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from server.config import PRESETS, Config, ConfigError, check_robot, load, merge, working_file
+from slam.path_filter import PathFilterParams
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTICLES = "CRUNCH_CRUNCH__FILTER__PARTICLES"
@@ -38,7 +39,7 @@ def test_config_toml_shows_every_default():
 
 def test_strong_places_win_over_weak_ones(tmp_path, monkeypatch):
     file = write(tmp_path / "c.toml", "[crunch.filter]\nparticles = 30\nthreshold = 0.3\n")
-    assert load().crunch.filter.particles == 2000
+    assert load().crunch.filter.particles == PathFilterParams().particles
     assert load(header=particles(40)).crunch.filter.particles == 40
     assert load(file=file, header=particles(40)).crunch.filter.particles == 30
     monkeypatch.setenv(PARTICLES, "20")
