@@ -152,7 +152,7 @@ class Worker:
 
     def describe_end(self) -> str:
         """How a process that is about to end ends."""
-        self.process.join(1.0)
+        self.process.join(10.0)  # an interpreter on a busy machine takes its time to leave
         code = self.process.exitcode
         if code is None:
             return "closed its pipe"
