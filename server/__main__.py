@@ -135,7 +135,7 @@ def serve(
         crunch serve --link serial:/dev/ttyUSB0
         crunch serve --link "serial:/dev/ttyUSB0?baud=57600" --host 0.0.0.0
         crunch serve --link tcp://127.0.0.1:9000 --no-browser
-        crunch serve --link pty:/tmp/crunch
+        crunch serve --link pty:./crunch.tty
 
     A robot with a line per board gets a --link for each.
     """

@@ -26,7 +26,7 @@ examples:
       Connect with: crunch serve --link tcp://127.0.0.1:9000
   python -m firmware.virtual --world demo --plan demo --tcp 127.0.0.1:9000
       The same robot tours the office twice by itself. A drive command takes over for 3 seconds.
-  python -m firmware.virtual --world floor.map --tour 250 --seed 7 --pty /tmp/crunch
+  python -m firmware.virtual --world floor.map --tour 250 --seed 7 --pty ./crunch.tty
       A random tour of 250 m through a CARMEN map, on a pseudo-terminal, as on a serial port.
   python -m firmware.virtual --loss 0.05 --latency 0.06 --bit-errors 1e-5 --tcp 127.0.0.1:9000
       The same over a bad radio.
