@@ -19,13 +19,13 @@ from rich.console import Console
 from rich.progress import track
 
 from bench.recordings import data_folder, read, semireal
-from bench.scores import HEADER, Score, keep, line, score
+from bench.scores import HEADER, Score, keep, line, score, score_of
 from server import config
 from server.formats.logs import read_log
 from server.formats.relations import read_relations
 from server.formats.tum import read_tum
 from server.replay import run_log
-from slam.evaluate import absolute_error, relations_error, revisits
+from slam.evaluate import relations_error
 from slam.timeline import interpolate
 
 Relations = tuple[float, float, float]
@@ -48,19 +48,9 @@ def five_directions_run(job: tuple[str, int, str, int]) -> tuple[Score, Relation
     times, truth = read_tum(data / "intel" / "reference.tum")
     mapped = interpolate(result.drive.times, result.trajectory, times)[0]
     odometry = interpolate(result.drive.times, result.drive.odometry, times)[0]
-    again = revisits(mapped, truth)
-    errors = Score(
-        seed,
-        absolute_error(mapped, truth).translation.rmse,
-        absolute_error(odometry, truth).translation.rmse,
-        again.is_closed,
-        revisits(odometry, truth).is_closed,
-        again.errors.translation.median,
-        float(np.ptp(result.drive.times)) / result.seconds["total"],
-    )
     verified = data / "intel" / "intel.relations"
     return (
-        errors,
+        score_of(result, mapped, odometry, truth, seed),
         relations_of(result.drive.times, result.trajectory, verified),
         relations_of(result.drive.times, result.drive.odometry, verified),
     )

@@ -37,19 +37,21 @@ def score(
     result = run_log(log, params, seed, threads)
     matches = associate(result.drive.times, times)
     mapped, odometry = result.trajectory[matches.rows], result.drive.odometry[matches.rows]
-    true = truth[matches.reference_rows]
-    again = revisits(mapped, true)
-    duration = float(result.drive.times.max() - result.drive.times.min())
-    errors = Score(
+    return score_of(result, mapped, odometry, truth[matches.reference_rows], seed), result
+
+
+def score_of(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth: np.ndarray, seed: int) -> Score:
+    """The score of a run whose poses (n, 3), mapped and by odometry, belong row by row to the true ones."""
+    again = revisits(mapped, truth)
+    return Score(
         seed,
-        absolute_error(mapped, true).translation.rmse,
-        absolute_error(odometry, true).translation.rmse,
+        absolute_error(mapped, truth).translation.rmse,
+        absolute_error(odometry, truth).translation.rmse,
         again.is_closed,
-        revisits(odometry, true).is_closed,
+        revisits(odometry, truth).is_closed,
         again.errors.translation.median,
-        duration / result.seconds["total"],
+        float(np.ptp(result.drive.times)) / result.seconds["total"],
     )
-    return errors, result
 
 
 def line(name: str, scores: Sequence[Score]) -> str:
