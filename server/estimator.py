@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import logging
 import multiprocessing
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -127,6 +128,7 @@ class Worker:
             target=serve, args=(theirs, self.beats, factory, shown), name="path-filter", daemon=True
         )
         self.process.start()
+        self.reaping = threading.Lock()  # of two threads that wait for one child, the loser would think it alive
         theirs.close()
 
     async def receive(self) -> Any:
@@ -148,12 +150,14 @@ class Worker:
     def kill(self) -> None:
         """End the process whatever it does; a thread that waits for it wakes up, the pipe closes with its last user."""
         self.process.kill()
-        self.process.join()
+        with self.reaping:
+            self.process.join()
 
     def describe_end(self) -> str:
         """How a process that is about to end ends."""
-        self.process.join(10.0)  # an interpreter on a busy machine takes its time to leave
-        code = self.process.exitcode
+        with self.reaping:
+            self.process.join(10.0)  # an interpreter on a busy machine takes its time to leave
+            code = self.process.exitcode
         if code is None:
             return "closed its pipe"
         return f"ended by signal {-code}" if code < 0 else f"ended with code {code}"

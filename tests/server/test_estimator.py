@@ -6,13 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from server.estimator import EstimatorParams, InlineEstimator, ParticleBudget, WorkerEstimator
+from server.estimator import EstimatorParams, InlineEstimator, ParticleBudget, Worker, WorkerEstimator
 from server.messages import Estimate, Keyframe
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.walls import Walls
@@ -87,6 +88,26 @@ def assert_same(one: Estimate, other: Estimate) -> None:
     np.testing.assert_array_equal(one.path, other.path)
     np.testing.assert_array_equal(one.profile, other.profile)
     assert (one.affinity, one.resamplings) == (other.affinity, other.resamplings)
+
+
+def test_a_killed_worker_is_known_dead_while_another_thread_reaps_it(monkeypatch):
+    worker = Worker(FACTORY, 10)
+    wait = os.waitpid
+
+    def slow_wait(process_id: int, options: int) -> tuple[int, int]:
+        """The child is gone and nobody has been told yet."""
+        result = wait(process_id, options)
+        time.sleep(0.2)
+        return result
+
+    monkeypatch.setattr(os, "waitpid", slow_wait)
+    other = threading.Thread(target=worker.describe_end)
+    other.start()
+    worker.process.kill()
+    time.sleep(0.1)
+    worker.kill()
+    assert not worker.process.is_alive()
+    other.join()
 
 
 def test_worker_gives_the_inline_estimate_bit_for_bit_however_batched():
