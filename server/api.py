@@ -2,7 +2,7 @@
 
 Sees snapshots and a status, never a robot: the session behind it is a `Cockpit`. What may move the robot is decided by
 `control`, who may connect by `guard`. Nothing is fetched from elsewhere, the documentation page included. Uses its
-siblings `dashboard`, `guard`, `maps`, `stream` and `views`.
+siblings `cockpit`, `dashboard`, `guard`, `stream` and those of `rest`: `state`.
 """
 
 from __future__ import annotations
@@ -11,21 +11,19 @@ import asyncio
 import itertools
 import logging
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from fastapi import FastAPI, Request, Response, WebSocket, WebSocketDisconnect
-from fastapi.responses import JSONResponse
+from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 from pydantic import ValidationError
 
+from server.cockpit import Cockpit
 from server.control import WORDS, AckWord, CommandWord, PingWord, Refused
 from server.dashboard import Dashboard, add_viser
 from server.guard import Guard
-from server.maps import FloorMap, draw_png, map_json
-from server.messages import Snapshot
-from server.stream import Hub, Viewer, encode
-from server.views import Profile, Status, path_length
+from server.rest.state import state_routes
+from server.stream import Viewer, encode
 
 log = logging.getLogger(__name__)
 
@@ -45,123 +43,18 @@ The live stream with its commands is the WebSocket `/api/v1/stream`, described i
 """
 
 
-class Cockpit(Protocol):
-    """What the web server needs of a session."""
-
-    hub: Hub
-
-    def snapshot(self) -> Snapshot:
-        """What there is to see now."""
-        ...
-
-    def status(self) -> Status:
-        """Everything at a glance."""
-        ...
-
-    def configuration(self) -> dict[str, Any]:
-        """The settings that the session runs with."""
-        ...
-
-    def hear(self, viewer: str, word: CommandWord) -> None:
-        """Obey a viewer's word; raises Refused."""
-        ...
-
-    def left(self, viewer: str) -> None:
-        """A viewer has gone."""
-        ...
-
-
 def create_app(cockpit: Cockpit, token: str | None = None, dashboard: Dashboard | None = None) -> FastAPI:
     """The application for one session; with a `token` nothing is answered without it."""
     app = FastAPIOffline(
         title="Crunch", version=cockpit.status().version, description=DESCRIPTION, docs_url="/docs", redoc_url=None
     )
-    add_documents(app, cockpit)
+    app.include_router(state_routes(cockpit))
     add_stream(app, cockpit)
     if dashboard is not None:
         add_viser(app, dashboard, cockpit.snapshot)
     add_page(app)
     app.add_middleware(Guard, token=token)
     return app
-
-
-def add_documents(app: FastAPI, cockpit: Cockpit) -> None:
-    """The routes of REST."""
-    artist = Artist()
-
-    @app.get("/api/v1/status", tags=["state"])
-    async def status() -> Status:
-        """Battery, tilt, link, filter, driver and map at a glance."""
-        return cockpit.status()
-
-    @app.get("/api/v1/config", tags=["state"])
-    async def config() -> dict[str, Any]:
-        """The settings that the session runs with, defaults included."""
-        return cockpit.configuration()
-
-    @app.get("/api/v1/profile", tags=["map"])
-    async def profile() -> Profile:
-        """How settled the path is at each vertex."""
-        snapshot = cockpit.snapshot()
-        return Profile(profile=[float(share) for share in snapshot.profile], fixed_depth=snapshot.fixed_depth)
-
-    @app.get("/api/v1/map.json", tags=["map"], response_class=JSONResponse, responses={200: MAP_JSON_EXAMPLE})
-    async def map_document() -> Response:
-        """The best path and the walls seen from it, for programs."""
-        snapshot = cockpit.snapshot()
-        content = await asyncio.to_thread(map_json, floor_of(snapshot), snapshot.robot)
-        return Response(content, media_type="application/json", headers={"Cache-Control": "no-cache"})
-
-    @app.get("/api/v1/map.png", tags=["map"], response_class=Response, responses={200: {"content": {"image/png": {}}}})
-    async def map_picture(request: Request) -> Response:
-        """The best map, drawn to be looked at; drawn anew when a vertex was added."""
-        tag, picture = await artist.picture(cockpit.snapshot())
-        headers = {"ETag": tag, "Cache-Control": "no-cache"}
-        if request.headers.get("if-none-match") == tag:
-            return Response(status_code=304, headers=headers)
-        return Response(picture, media_type="image/png", headers=headers)
-
-
-MAP_JSON_EXAMPLE: dict[str, Any] = {
-    "content": {
-        "application/json": {
-            "example": {
-                "format": "crunch-map-1",
-                "robot": "crunch",
-                "frame": "world",
-                "settled": 1,
-                "path": [[0.0, 0.0, 0.0], [0.5, 0.01, 0.03]],
-                "walls": [[[0.4, 0.9], [0.45, 0.9], [0.5, 0.91]]],
-            }
-        }
-    }
-}
-
-
-def floor_of(snapshot: Snapshot) -> FloorMap:
-    """The snapshot's best map, as it is drawn and stored."""
-    walls = [curve for curve in snapshot.walls if len(curve) > 1]
-    return FloorMap(snapshot.path, walls, min(snapshot.fixed_depth + 1, len(snapshot.path)))
-
-
-class Artist:
-    """Draws the map in a thread, one picture at a time, and keeps the last."""
-
-    def __init__(self):
-        self.lock = asyncio.Lock()
-        self.tag = ""
-        self.drawn = b""
-
-    async def picture(self, snapshot: Snapshot) -> tuple[str, bytes]:
-        """An entity tag and a PNG of the snapshot's map."""
-        tag = f'"{len(snapshot.path)}-{snapshot.fixed_depth}-{snapshot.resamplings}-{snapshot.affinity:.6g}"'
-        async with self.lock:
-            if tag != self.tag:
-                title = f"{snapshot.robot.capitalize()}: {path_length(snapshot.path):.1f} m"
-                figures = f"{len(snapshot.path)} vertices, {snapshot.n_particles} particles"
-                self.drawn = await asyncio.to_thread(draw_png, floor_of(snapshot), title, figures)
-                self.tag = tag
-            return self.tag, self.drawn
 
 
 class Gone(Exception):

@@ -6,6 +6,7 @@ Nothing here knows a byte format, a robot or a file.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,20 +89,25 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A person's wish: forward speed (m/s) and turn rate (rad/s)."""
+    """A person's wish: forward speed (m/s) and turn rate (rad/s); `shared` lets the histogram bend it off obstacles."""
 
     t: float
     speed: float
     turn: float
+    shared: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Where to steer with the vector field histogram, in the world frame (m); None clears it."""
+    """Where to steer with the vector field histogram, in the world frame (m); None clears it.
+
+    `route` are places to pass on the way, in order; empty is straight on.
+    """
 
     t: float
     place: tuple[float, float] | None
     speed: float = 0.3
+    route: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,13 +125,27 @@ class Arm:
     armed: bool = True
 
 
+class Branches(NamedTuple):
+    """The part of the path tree that some of the particles hang on.
+
+    `poses` is (k, 3) in the world; `parents` (k,) int32 are rows of it, -1 for the root, always smaller than the row
+    itself; `depths` (k,) int32 are vertices.
+    """
+
+    poses: np.ndarray
+    parents: np.ndarray
+    depths: np.ndarray
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """The path filter's answer after a vertex.
 
     `path` is (n_vertices, 3), the best particle's poses in the world; `profile` is (n_vertices,), nodes at each depth
     divided by particles; `particles` is (m, 3), some of the newest poses; affinity and plausibility are the best
-    particle's sums.
+    particle's sums. `spread` (n_vertices,) is the particles' standard deviation (m) of each vertex in the world,
+    `revisit_spread` the same as seen from the newest vertex: what seeing the place again would settle. Both are empty
+    and `branches` is None where an estimator has no particles.
     """
 
     t: float
@@ -138,6 +158,9 @@ class Estimate:
     resamplings: int
     affinity: float
     plausibility: float
+    spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    revisit_spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    branches: Branches | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +221,8 @@ class Snapshot:
     steering: float | None  # commanded bearing, robot frame
     path: np.ndarray  # (n, 3) best path, world
     walls: list[np.ndarray]  # wall curves of the best map, each (k, 2), world
+    vertex_curves: list[list[np.ndarray]]  # of each vertex's walls, each (k, 2), in the vertex's frame; never change
+    observations: list[Walls]  # what each vertex saw; never change
     profile: np.ndarray
     fixed_depth: int
     particles: np.ndarray  # (m, 3)
@@ -209,7 +234,10 @@ class Snapshot:
     balance: Balance | None = None
     power: Power | None = None
     boards: dict[str, Status] = field(default_factory=dict)
-    counters: dict[str, float] = field(default_factory=dict)
+    route: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # places to pass on the way to the goal, world
+    spread: np.ndarray = field(default_factory=lambda: np.zeros(0))  # as in Estimate
+    revisit_spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    branches: Branches | None = None
 
 
 Message = Wheels | Odometry | Ranges | Balance | Power | Status | Drive | Goal | Stop | Arm | Estimate

@@ -152,6 +152,7 @@ def command_of(mark: bytes) -> Drive | Goal | Stop | Arm | None:
     kind = COMMANDS.get(fields.pop("command", ""))
     if kind is None:
         return None
-    if kind is Goal and fields["place"] is not None:
-        fields["place"] = tuple(fields["place"])
+    if kind is Goal:
+        fields["place"] = None if fields["place"] is None else tuple(fields["place"])
+        fields["route"] = tuple(tuple(place) for place in fields.get("route", ()))
     return kind(**fields)

@@ -43,7 +43,7 @@ from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import between, compose, transform
 from slam.rangefinder import RingParams, crunch_sensors
 from slam.vfh import Vfh, VfhParams
-from slam.walls import WallParams, curves, extract
+from slam.walls import WallParams, Walls, curves, extract
 
 
 class CrunchParams(Params):
@@ -101,6 +101,7 @@ class Crunch:
         self.has_seen = False
         self.vertices: list[np.ndarray] = []
         self.pending: deque[tuple[float, int, float]] = deque()  # vertices whose walls are still to be taken
+        self.observations: list[Walls] = []
         self.curves: list[list[np.ndarray]] = []
         self.estimate: Estimate | None = None
         self.best_walls: list[np.ndarray] = []  # the map of the estimate
@@ -180,6 +181,7 @@ class Crunch:
         pose = self.vertices[index]
         self.local_map.move(self.odometry)
         walls = extract(self.local_map, pose, self.params.walls)
+        self.observations.append(walls)
         self.curves.append(curves(walls, self.params.walls.jump))
         return Keyframe(t, index, pose, walls, travelled)
 
@@ -244,6 +246,7 @@ class Crunch:
     def snapshot(self) -> Snapshot:
         """The robot as a viewer sees it now."""
         estimate = self.estimate or nothing_known(self.t, self.odometry, self.params.filter.particles)
+        known = len(self.estimate.path) if self.estimate else 0
         densities = self.densities()
         grid = self.local_map.grid()
         offset = self.goal_offset()
@@ -269,6 +272,8 @@ class Crunch:
             steering=self.steering if self.goal else None,
             path=estimate.path,
             walls=self.best_walls,
+            vertex_curves=self.curves[:known],
+            observations=self.observations[:known],
             profile=estimate.profile,
             fixed_depth=estimate.fixed_depth,
             particles=estimate.particles,
@@ -280,6 +285,10 @@ class Crunch:
             balance=self.balance,
             power=self.power,
             boards=dict(self.boards),
+            route=np.array(self.goal.route if self.goal else ()).reshape(-1, 2),
+            spread=estimate.spread,
+            revisit_spread=estimate.revisit_spread,
+            branches=estimate.branches,
         )
 
     def beams(self) -> dict[str, dict]:

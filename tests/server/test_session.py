@@ -300,7 +300,16 @@ def test_everything_is_recorded_before_it_is_parsed():
 
 @pytest.mark.parametrize(
     "message",
-    [Drive(1.5, 0.3, -0.7), Goal(1.5, (1.25, -3.0), 0.2), Goal(1.5, None), Stop(1.5), Arm(1.5), Arm(1.5, False)],
+    [
+        Drive(1.5, 0.3, -0.7),
+        Drive(1.5, 0.3, -0.7, shared=True),
+        Goal(1.5, (1.25, -3.0), 0.2),
+        Goal(1.5, None),
+        Goal(1.5, (1.25, -3.0), 0.2, ((0.5, 0.0), (1.0, -1.0))),
+        Stop(1.5),
+        Arm(1.5),
+        Arm(1.5, False),
+    ],  # fmt: skip
 )
 def test_a_person_s_command_comes_back_from_its_mark(tmp_path, message):
     path = tmp_path / "run.rlog"

@@ -1,0 +1,41 @@
+"""What the web server needs of a session: the face that `bridge` has for `api` and for the routes of REST.
+
+Uses its siblings `stream` and `views`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from server.control import CommandWord
+from server.messages import Snapshot
+from server.stream import Hub
+from server.views import Status
+
+PREFIX = "/api/v1"
+
+
+class Cockpit(Protocol):
+    """What the web server needs of a session."""
+
+    hub: Hub
+
+    def snapshot(self) -> Snapshot:
+        """What there is to see now."""
+        ...
+
+    def status(self) -> Status:
+        """Everything at a glance."""
+        ...
+
+    def configuration(self) -> dict[str, Any]:
+        """The settings that the session runs with."""
+        ...
+
+    def hear(self, viewer: str, word: CommandWord) -> None:
+        """Obey a viewer's word; raises Refused."""
+        ...
+
+    def left(self, viewer: str) -> None:
+        """A viewer has gone."""
+        ...
