@@ -309,7 +309,7 @@ def test_everything_is_recorded_before_it_is_parsed():
         Stop(1.5),
         Arm(1.5),
         Arm(1.5, False),
-    ],  # fmt: skip
+    ],
 )
 def test_a_person_s_command_comes_back_from_its_mark(tmp_path, message):
     path = tmp_path / "run.rlog"
