@@ -5,9 +5,11 @@ import { Connection } from "./connection.js";
 import { Driver } from "./drive.js";
 import { Health } from "./health.js";
 import { HistogramView } from "./histogram.js";
+import { Library } from "./library.js";
 import { LocalView } from "./local.js";
 import { MapView } from "./map.js";
 import { ProfileView } from "./profile.js";
+import { toast } from "./toast.js";
 
 const $ = (id) => document.getElementById(id);
 const STALE = 1000; // ms
@@ -19,6 +21,7 @@ const local = new LocalView($("local"));
 const histogram = new HistogramView($("histogram"));
 const profile = new ProfileView($("profile"));
 const map = new MapView($("map"), proposeGoal);
+const library = new Library($("library"));
 const page = { status: null, pose: null, driver, connection, map }; // what the browser's console can look at
 globalThis.crunch = page;
 
@@ -164,9 +167,19 @@ $("arm").onclick = () => connection.send({ type: "arm", armed: true });
 $("autopilot").onclick = () => connection.send({ type: "autopilot", on: page.status?.driver.autopilot !== true });
 $("map-follow").onclick = () => map.follow(!map.isFollowing);
 $("map").addEventListener("follow", ({ detail }) => $("map-follow").setAttribute("aria-pressed", String(detail)));
+$("map-layers-open").onclick = () => {
+  $("map-layers").hidden = !$("map-layers").hidden;
+  $("map-layers-open").setAttribute("aria-expanded", String(!$("map-layers").hidden));
+};
+$("library-open").onclick = () => library.open();
 $("map-fit").onclick = () => map.fit();
 $("map-in").onclick = () => map.zoom(1.35);
 $("map-out").onclick = () => map.zoom(1 / 1.35);
+
+// What floats below the header knows how high it is.
+new ResizeObserver(([{ target }]) => {
+  document.documentElement.style.setProperty("--top", `${target.offsetHeight}px`);
+}).observe(document.querySelector("header"));
 
 // Settings that last.
 
@@ -199,20 +212,7 @@ $("hint-close").onclick = () => {
   $("hint").hidden = true;
 };
 
-// Short messages.
-
-const shown = new Map();
-
 function refuse(reason) {
   if (driver.hasGoal) driver.hasGoal = false;
   toast(reason[0].toUpperCase() + reason.slice(1));
-}
-
-function toast(text) {
-  if (performance.now() - (shown.get(text) ?? -Infinity) < 2500) return;
-  shown.set(text, performance.now());
-  const line = document.createElement("p");
-  line.textContent = text;
-  $("toasts").append(line);
-  setTimeout(() => line.remove(), 3500);
 }
