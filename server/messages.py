@@ -223,6 +223,8 @@ class Snapshot:
     walls: list[np.ndarray]  # wall curves of the best map, each (k, 2), world
     vertex_curves: list[list[np.ndarray]]  # of each vertex's walls, each (k, 2), in the vertex's frame; never change
     observations: list[Walls]  # what each vertex saw; never change
+    vertex_times: np.ndarray  # (n,) when each of them was made
+    vertex_odometry: np.ndarray  # (n, 3) where, in the odometry frame
     profile: np.ndarray
     fixed_depth: int
     particles: np.ndarray  # (m, 3)

@@ -100,6 +100,7 @@ class Crunch:
         self.has_odometry = False
         self.has_seen = False
         self.vertices: list[np.ndarray] = []
+        self.times: list[float] = []  # of the vertices
         self.pending: deque[tuple[float, int, float]] = deque()  # vertices whose walls are still to be taken
         self.observations: list[Walls] = []
         self.curves: list[list[np.ndarray]] = []
@@ -172,6 +173,7 @@ class Crunch:
             return []
         self.pending.append((t, len(self.vertices), self.travelled))
         self.vertices.append(self.odometry)
+        self.times.append(t)
         self.travelled = 0.0
         return [self.observe()] if len(self.pending) > self.params.hindsight else []
 
@@ -274,6 +276,8 @@ class Crunch:
             walls=self.best_walls,
             vertex_curves=self.curves[:known],
             observations=self.observations[:known],
+            vertex_times=np.array(self.times[:known]),
+            vertex_odometry=np.array(self.vertices[:known]).reshape(-1, 3),
             profile=estimate.profile,
             fixed_depth=estimate.fixed_depth,
             particles=estimate.particles,
