@@ -11,7 +11,8 @@ import numpy as np
 
 from bench.recordings import CACHE
 from server.formats.logs import Log
-from server.maps import draw_png, floor_map
+from server.map_picture import draw_png
+from server.maps import floor_map
 from server.replay import Result, run_log
 from server.robots.crunch import CrunchParams
 from slam.evaluate import absolute_error, revisits

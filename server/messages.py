@@ -164,6 +164,16 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Label:
+    """A name that somebody gave to a place (m, world)."""
+
+    id: int
+    text: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
 class DriveCommand:
     """Effect: set the robot's speed (m/s) and turn rate (rad/s)."""
 
@@ -240,6 +250,7 @@ class Snapshot:
     spread: np.ndarray = field(default_factory=lambda: np.zeros(0))  # as in Estimate
     revisit_spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
     branches: Branches | None = None
+    labels: tuple[Label, ...] = ()
 
 
 Message = Wheels | Odometry | Ranges | Balance | Power | Status | Drive | Goal | Stop | Arm | Estimate

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from server import config, maps
+from server import config, map_files, map_picture, maps
 from server.formats.atomic import make_directory, write_atomically
 from server.formats.errors import FormatError
 from server.formats.g2o import format_g2o
@@ -253,12 +253,13 @@ def write_outputs(out: Path, result: Result, floor: maps.FloorMap, params: Crunc
     drive, estimate = result.drive, result.estimate
     odometry = np.array([keyframe.pose for keyframe in drive.keyframes])
     motion = params.filter.motion
-    graph = maps.pose_graph(estimate.path, odometry, motion.turn_noise, motion.distance_noise)
+    graph = map_files.pose_graph(estimate.path, odometry, motion.turn_noise, motion.distance_noise)
     times = drive.times[drive.rows]
     assert floor.grid is not None
     write_atomically(out / "trajectory.tum", format_tum(drive.times, result.trajectory))
     write_ros_map(out / "map", floor.grid)
-    write_atomically(out / "map.json", maps.map_json(floor, report.robot))
+    write_atomically(out / "map.json", map_files.map_json(floor, report.robot))
     write_atomically(out / "path.g2o", format_g2o(graph))
-    write_atomically(out / "profile.csv", maps.profile_csv(times, estimate.path, estimate.profile, floor.settled - 1))
-    write_atomically(out / "map.png", maps.draw_png(floor, *report.headline()))
+    profile = map_files.profile_csv(times, estimate.path, estimate.profile, floor.settled - 1)
+    write_atomically(out / "profile.csv", profile)
+    write_atomically(out / "map.png", map_picture.draw_png(floor, *report.headline()))

@@ -35,8 +35,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.session",
     ),
     (
-        "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.maps", "server.report",
-        "server.rest", "server.rest.state", "server.score", "server.stream", "server.views",
+        "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.map_files",
+        "server.map_picture", "server.maps", "server.report",
+        "server.rest", "server.rest.commands", "server.rest.health", "server.rest.state", "server.score", "server.status", "server.stream", "server.views",
     ),
     ("server.bridge", "server.live", "server.recorded", "server.replay", "server.simulate"),
     ("server.__main__", "server.terminal"),

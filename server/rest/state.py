@@ -1,4 +1,7 @@
-"""REST of the present: status, settings, profile and best map. Uses its siblings `cockpit`, `maps` and `views`."""
+"""REST of the present: status, settings, profile and best map.
+
+Uses its siblings `cockpit`, `map_files`, `map_picture`, `maps` and `views`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,9 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 
 from server.cockpit import PREFIX, Cockpit
-from server.maps import FloorMap, draw_png, map_json
+from server.map_files import map_json
+from server.map_picture import draw_png
+from server.maps import FloorMap
 from server.messages import Snapshot
 from server.views import Profile, Status, path_length
 

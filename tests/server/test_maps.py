@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from server import maps
+from server import map_files, map_picture, maps
 from server.formats.ros_map import FREE, OCCUPIED, UNKNOWN
 from slam.pose import between
 from slam.walls import Walls
@@ -80,27 +80,34 @@ def test_an_empty_path_gives_an_empty_map():
     floor = maps.floor_map(np.zeros((0, 3)), [])
     assert floor.grid is not None
     assert floor.grid.cells.tolist() == [[UNKNOWN]]
-    assert maps.draw_png(floor, "nothing").startswith(b"\x89PNG")
+    assert map_picture.draw_png(floor, "nothing").startswith(b"\x89PNG")
 
 
 def test_the_picture_shows_walls_path_start_and_end(room):
     path, walls = room
-    picture = Image.open(io.BytesIO(maps.draw_png(maps.floor_map(path, walls, 1), "Title", "subtitle")))
+    picture = Image.open(io.BytesIO(map_picture.draw_png(maps.floor_map(path, walls, 1), "Title", "subtitle")))
     assert min(picture.size) > 400
     colours = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
-    for tint in (maps.SETTLED_TINT, maps.OPEN_TINT, maps.START_TINT, maps.END_TINT, maps.FREE_TINT, maps.PAPER):
+    for tint in (
+        map_picture.SETTLED_TINT,
+        map_picture.OPEN_TINT,
+        map_picture.START_TINT,
+        map_picture.END_TINT,
+        map_picture.FREE_TINT,
+        map_picture.PAPER,
+    ):
         wanted = np.array([int(tint[i : i + 2], 16) for i in (1, 3, 5)])
         assert np.any(np.abs(colours - wanted).max(axis=1) < 12), f"{tint} is missing"
 
 
 def test_the_picture_is_the_same_each_time(room):
     floor = maps.floor_map(*room)
-    assert maps.draw_png(floor, "a") == maps.draw_png(floor, "a")
+    assert map_picture.draw_png(floor, "a") == map_picture.draw_png(floor, "a")
 
 
 def test_json_holds_path_and_walls_in_the_world(room):
     path, walls = room
-    content = json.loads(maps.map_json(maps.floor_map(path, walls, 1), "crunch"))
+    content = json.loads(map_files.map_json(maps.floor_map(path, walls, 1), "crunch"))
     assert content["format"] == "crunch-map-1"
     assert content["settled"] == 2
     np.testing.assert_allclose(content["path"], path, atol=1e-3)
@@ -110,7 +117,7 @@ def test_json_holds_path_and_walls_in_the_world(room):
 
 def test_profile_has_a_row_per_vertex():
     path = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.5, 1.0]])
-    rows = maps.profile_csv(np.array([1.0, 2.0, 3.5]), path, np.array([0.01, 0.01, 1.0]), 1).splitlines()
+    rows = map_files.profile_csv(np.array([1.0, 2.0, 3.5]), path, np.array([0.01, 0.01, 1.0]), 1).splitlines()
     assert rows[0] == "vertex,time,distance,nodes_per_particle,settled"
     assert rows[1:] == ["0,1.000000,0.000,0.010000,1", "1,2.000000,0.500,0.010000,1", "2,3.500000,1.000,1.000000,0"]
 
@@ -118,7 +125,7 @@ def test_profile_has_a_row_per_vertex():
 def test_pose_graph_joins_neighbours_by_what_odometry_measured():
     rng = np.random.default_rng(4)
     path, odometry = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
-    graph = maps.pose_graph(path, odometry, 0.04, 0.05)
+    graph = map_files.pose_graph(path, odometry, 0.04, 0.05)
     np.testing.assert_array_equal(graph.pairs, [[0, 1], [1, 2], [2, 3], [3, 4]])
     np.testing.assert_allclose(graph.motions, between(odometry[:-1], odometry[1:]))
     lengths = np.hypot(*graph.motions[:, :2].T)
@@ -127,7 +134,7 @@ def test_pose_graph_joins_neighbours_by_what_odometry_measured():
 
 @pytest.mark.parametrize(("length", "rounded"), [(0.99, 0.5), (1.0, 1.0), (4.9, 2.0), (50.0, 50.0), (0.03, 0.02)])
 def test_scale_bars_have_round_lengths(length, rounded):
-    assert maps.round_length(length) == pytest.approx(rounded)
+    assert map_picture.round_length(length) == pytest.approx(rounded)
 
 
 def test_trail_meets_where_the_path_is_settled():

@@ -1,0 +1,127 @@
+"""Maps to be looked at: walls dark, the path blue where it is settled and orange where particles still differ.
+
+Draws what its sibling `maps` makes.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from server.formats.ros_map import UNKNOWN
+from server.maps import FloorMap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PAPER, INK, MUTED = "#fbfbf9", "#1f2733", "#6b7480"
+FREE_TINT, WALL_TINT = "#e9eff4", "#26303d"
+SETTLED_TINT, OPEN_TINT = "#2f6fde", "#e4792a"
+START_TINT, END_TINT = "#2f9e5b", "#c8343f"
+
+
+def draw_png(floor: FloorMap, title: str, subtitle: str = "") -> bytes:
+    """The map as a picture: walls dark, the path blue where it is settled and orange where particles still differ."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    low, high = picture_bounds(floor)
+    width, height = high - low
+    inches = 11.0 / max(width, height)
+    header = 0.62
+    size = (max(width * inches, 4.5), max(height * inches, 3.0) + header)
+    figure = Figure(figsize=size, dpi=150, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0 - header / size[1]))
+    axes.set_axis_off()
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    draw_floor(axes, floor)
+    draw_path(axes, floor)
+    draw_scale_bar(axes, low, high)
+    draw_legend(axes, floor)
+    figure.text(0.17 / size[0], 1.0 - 0.16 / size[1], title, color=INK, size=13, weight="bold", va="top")
+    figure.text(0.17 / size[0], 1.0 - 0.42 / size[1], subtitle, color=MUTED, size=9.5, va="top")
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", facecolor=PAPER, metadata={"Software": None})
+    return picture.getvalue()
+
+
+def picture_bounds(floor: FloorMap) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corner (2,) of everything drawn, with a margin."""
+    points = np.concatenate([np.zeros((1, 2)) if not len(floor.path) else floor.path[:, :2], *floor.walls])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.03 * float(max(high - low)) + 0.4
+    return low - margin, high + margin
+
+
+def draw_floor(axes: Axes, floor: FloorMap) -> None:
+    """What was seen free as a light tint, the walls over it."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import ListedColormap
+
+    if floor.grid is not None:
+        rows, columns = floor.grid.cells.shape
+        x, y, _ = floor.grid.origin
+        box = (x, x + columns * floor.grid.resolution, y, y + rows * floor.grid.resolution)
+        seen = np.ma.masked_where(floor.grid.cells == UNKNOWN, np.zeros((rows, columns)))
+        axes.imshow(
+            seen, origin="lower", extent=box, cmap=ListedColormap([FREE_TINT]), interpolation="nearest", zorder=0
+        )
+        axes.set_autoscale_on(False)
+    lines = LineCollection(floor.walls, colors=WALL_TINT, linewidths=1.2, alpha=0.6, capstyle="round", zorder=2)
+    axes.add_collection(lines, autolim=False)
+
+
+def draw_path(axes: Axes, floor: FloorMap) -> None:
+    """The path in two colours, a dot at its start and an arrow at its end."""
+    if not len(floor.path):
+        return
+    joint = max(floor.settled - 1, 0)
+    settled, still_open = floor.trail or (floor.path[: floor.settled], floor.path[joint:])
+    axes.plot(settled[:, 0], settled[:, 1], color=SETTLED_TINT, lw=1.3, alpha=0.9, zorder=3)
+    axes.plot(still_open[:, 0], still_open[:, 1], color=OPEN_TINT, lw=1.3, zorder=3)
+    start, (x, y, theta) = floor.path[0], still_open[-1] if len(still_open) else settled[-1]
+    axes.plot(*start[:2], "o", color=START_TINT, ms=8, mec="white", mew=1.2, zorder=5)
+    axes.plot(x, y, marker=(3, 0, math.degrees(theta) - 90.0), color=END_TINT, ms=11, mec="white", mew=1.2, zorder=5)
+
+
+def draw_scale_bar(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
+    """A bar of a round length, about a sixth of the picture, in the lower left corner."""
+    width = float(high[0] - low[0])
+    length = round_length(width / 6.0)
+    x, y = float(low[0]) + 0.02 * width, float(low[1]) + 0.02 * width
+    axes.plot([x, x + length], [y, y], color=INK, lw=3.0, solid_capstyle="butt", zorder=6)
+    label = {"xy": (x + length / 2.0, y), "xytext": (0, 4), "textcoords": "offset points"}
+    axes.annotate(f"{length:g} m", **label, ha="center", va="bottom", color=INK, size=9, zorder=6)
+
+
+def round_length(length: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= length * 1.0001)
+
+
+def draw_legend(axes: Axes, floor: FloorMap) -> None:
+    """What the marks mean, in the corner with the least in it."""
+    from matplotlib.lines import Line2D
+
+    marks = [
+        Line2D([], [], color=WALL_TINT, lw=1.6, label="wall"),
+        Line2D([], [], color=SETTLED_TINT, lw=1.6, label="path, settled"),
+        Line2D([], [], color=OPEN_TINT, lw=1.6, label="path, still open"),
+        Line2D([], [], marker="o", color=START_TINT, lw=0, mec="white", ms=8, label="start"),
+        Line2D([], [], marker=(3, 0, -90), color=END_TINT, lw=0, mec="white", ms=10, label="end"),
+    ]
+    if floor.settled >= len(floor.path):
+        del marks[2]
+    elif floor.settled <= 1:
+        del marks[1]
+    axes.legend(
+        handles=marks, loc="lower right", ncols=len(marks), frameon=True, facecolor=PAPER, edgecolor="none",
+        framealpha=0.85, fontsize=8.5, labelcolor=INK, handlelength=1.6, columnspacing=1.4, borderaxespad=0.8,
+    )  # fmt: skip
