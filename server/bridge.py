@@ -6,7 +6,6 @@ the viewers. Nothing here waits: `live` calls it from the loop. It is the `Cockp
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.metadata
 import logging
 from collections.abc import Callable, Mapping
@@ -15,31 +14,19 @@ from typing import Any, Protocol
 from server.control import CommandWord, Control
 from server.dashboard import Dashboard
 from server.estimator import Estimator
+from server.layers import Layers
 from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, Snapshot, Stop
 from server.recording import Recorder
 from server.session import Session
+from server.status import driver_status, filter_status, link_status, map_status, robot_status
 from server.stream import Hub
 from server.transport import Link
-from server.views import (
-    DriverStatus,
-    FilterStatus,
-    LinkStatus,
-    MapStatus,
-    RobotStatus,
-    Status,
-    View,
-    histogram_view,
-    local_view,
-    map_view,
-    path_length,
-    pose_view,
-    rounded,
-)
+from server.views import Status, pose_view
 
 log = logging.getLogger(__name__)
 
 STEERING_PERIOD = 0.09  # s between two commands of the robot's own steering: the radio is narrow
-STATUS_EVERY = 4  # publications between two of the status when nothing calls for it
+STATUS_EVERY = 8  # publications between two of the status when nothing calls for it
 
 
 class Robot(Protocol):
@@ -82,6 +69,7 @@ class Bridge:
         self.control = control
         self.settings = configuration
         self.hub = Hub()
+        self.layers = Layers(self.hub)
         self.dashboard = Dashboard()
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None
@@ -90,8 +78,6 @@ class Bridge:
         self.start = self.clock()
         self.steered = -STEERING_PERIOD
         self.published = 0
-        self.shown_map: tuple[int, float, int] | None = None
-        self.shown_local: float = -1.0
         self.newest: Snapshot | None = None
         self.newest_at = -1.0
         self.version = importlib.metadata.version("crunch")
@@ -182,23 +168,11 @@ class Bridge:
         if self.control.goal is not None and snapshot.goal is None:
             self.control.arrive()
             self.publish_status()
-        self.show("pose", pose_view(snapshot, self.t))
-        if snapshot.t != self.shown_local:
-            self.shown_local = snapshot.t
-            self.show("histogram", histogram_view(snapshot))
-            if self.published % 2 == 0:
-                self.show("local", local_view(snapshot))
-        map_key = (len(snapshot.path), snapshot.affinity, snapshot.resamplings)
-        if map_key != self.shown_map:
-            self.shown_map = map_key
-            self.show("map", map_view(snapshot))
+        self.hub.publish("pose", *pose_view(snapshot, self.t))
+        self.layers.show(snapshot)
         if self.published % STATUS_EVERY == 0:
             self.publish_status()
         self.dashboard.update(snapshot)
-
-    def show(self, topic: str, view: View) -> None:
-        """One frame for everybody."""
-        self.hub.publish(topic, view.fields, view.arrays)
 
     def publish_status(self) -> None:
         """Show the status, out of turn when somebody's word changed it."""
@@ -223,89 +197,15 @@ class Bridge:
 
     def status(self) -> Status:
         """Everything at a glance."""
-        snapshot = self.snapshot()
+        assert self.estimator is not None
+        t, snapshot, worker = self.t, self.snapshot(), self.estimator.status()
         return Status(
-            t=round(self.t, 3),
+            t=round(t, 3),
             version=self.version,
             recording=str(self.recorder.path) if self.recorder else None,
-            link=self.link_status(),
-            robot=self.robot_status(snapshot),
-            map=MapStatus(
-                vertices=len(self.session_vertices(snapshot)),
-                fixed_depth=snapshot.fixed_depth,
-                path_length_m=round(path_length(snapshot.path), 3),
-                affinity=round(snapshot.affinity, 3),
-                plausibility=round(snapshot.plausibility, 3),
-            ),
-            filter=self.filter_status(snapshot),
-            driver=self.driver_status(snapshot),
-        )
-
-    def session_vertices(self, snapshot: Snapshot) -> Any:
-        """The vertices of the best path; none before the first estimate, when the path is only the present pose."""
-        return snapshot.path if self.estimator is None or self.estimator.status().vertices else ()
-
-    def link_status(self) -> LinkStatus:
-        """How the radio is doing."""
-        health = self.session.health(self.t)
-        boards = [board for board in health["boards"].values() if board["age"] is not None]
-        counters = {"frames": sum(health["frames"].values()), "lost": health["lost"], "rejected": health["rejected"]}
-        return LinkStatus(
-            names=[link.spec for link in self.links.values()],
-            connected=any(link.is_connected for link in self.links.values()),
-            error="; ".join(f"{link.spec}: {link.error}" for link in self.links.values() if link.error),
-            reconnects=sum(link.reconnects for link in self.links.values()),
-            silence_s=round(max(0.0, min(board["age"] for board in boards)), 3) if boards else None,
-            lost_percent=round(100.0 * max((board["loss"] for board in boards), default=0.0), 2),
-            counters={**counters, **{f"refused_{reason}": count for reason, count in health["refused"].items()}},
-        )
-
-    def robot_status(self, snapshot: Snapshot) -> RobotStatus:
-        """The boards' own words."""
-        drive = snapshot.balance or snapshot.boards.get("drive")
-        power = snapshot.power
-        x, y, theta = rounded(snapshot.pose)
-        return RobotStatus(
-            name=snapshot.robot,
-            state=drive.state if drive else None,
-            stop_reason=drive.reason if drive else None,
-            battery_volts=power.battery_volts if power else None,
-            battery_amperes=power.battery_amperes if power else None,
-            charger_volts=power.charger_volts if power else None,
-            tilt_rad=round(snapshot.tilt, 4),
-            pose=(x, y, theta),
-            distance_m=round(snapshot.distance, 3),
-            virtual=self.virtual is not None,
-            boards={name: dataclasses.asdict(board) for name, board in snapshot.boards.items()},
-        )
-
-    def filter_status(self, snapshot: Snapshot) -> FilterStatus:
-        """How the path filter is doing."""
-        assert self.estimator is not None
-        worker = self.estimator.status()
-        return FilterStatus(
-            state=worker.state,
-            reason=worker.reason,
-            particles=worker.n_particles,
-            wanted_particles=worker.wanted_particles,
-            effective_particles=round(snapshot.effective_particles, 1),
-            resamplings=snapshot.resamplings,
-            waiting=worker.waiting,
-            restarts=worker.restarts,
-            load=round(worker.load, 4),
-            process_id=worker.process_id,
-        )
-
-    def driver_status(self, snapshot: Snapshot) -> DriverStatus:
-        """Who drives."""
-        params = self.control.params
-        return DriverStatus(
-            viewer=self.control.driver,
-            leased=self.control.has_lease(self.t),
-            stopped_by=self.control.stopped_by,
-            autopilot=self.control.autopilot,
-            goal=snapshot.goal,
-            viewers=len(self.hub.viewers),
-            max_speed=params.max_speed,
-            max_turn=params.max_turn,
+            link=link_status(self.session, self.links.values(), t),
+            robot=robot_status(snapshot, self.virtual is not None, self.layers.names(snapshot)),
+            map=map_status(snapshot, worker.vertices > 0),
+            filter=filter_status(snapshot, worker),
+            driver=driver_status(snapshot, self.control, len(self.hub.viewers), t),
         )

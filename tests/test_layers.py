@@ -20,7 +20,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "slam.affinity", "slam.comparison", "slam.counter_random", "slam.distance_field", "slam.evaluate",
         "slam.local_map", "slam.motion", "slam.path_tree", "slam.rangefinder", "slam.resampling", "slam.timeline",
-        "slam.trajectory", "slam.vfh", "slam.walls",
+        "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.walls",
     ),
     (
         "slam.local_search", "slam.path_filter", "server", "server.channels", "server.clock", "server.errors",
@@ -35,9 +35,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.session",
     ),
     (
-        "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.map_files",
+        "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.layers", "server.map_files",
         "server.map_picture", "server.maps", "server.report",
-        "server.rest", "server.rest.commands", "server.rest.health", "server.rest.state", "server.score", "server.status", "server.stream", "server.views",
+        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.state", "server.score", "server.status", "server.status", "server.stream", "server.views",
     ),
     ("server.bridge", "server.live", "server.recorded", "server.replay", "server.simulate"),
     ("server.__main__", "server.terminal"),

@@ -1,0 +1,91 @@
+"""The status of a session, put together from what its parts say of themselves. Uses its sibling `views`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+
+from server.control import Control
+from server.estimator import EstimatorStatus
+from server.messages import Snapshot
+from server.session import Session
+from server.transport import Link
+from server.views import DriverStatus, FilterStatus, LinkStatus, MapStatus, RobotStatus, path_length, rounded
+
+
+def map_status(snapshot: Snapshot, has_vertices: bool) -> MapStatus:
+    """The best map's figures; before the first vertex the path is only the present pose."""
+    return MapStatus(
+        vertices=len(snapshot.path) if has_vertices else 0,
+        fixed_depth=snapshot.fixed_depth,
+        path_length_m=round(path_length(snapshot.path), 3),
+        affinity=round(snapshot.affinity, 3),
+        plausibility=round(snapshot.plausibility, 3),
+    )
+
+
+def link_status(session: Session, links: Collection[Link], t: float) -> LinkStatus:
+    """How the radio is doing at the session's time t."""
+    health = session.health(t)
+    boards = [board for board in health["boards"].values() if board["age"] is not None]
+    counters = {"frames": sum(health["frames"].values()), "lost": health["lost"], "rejected": health["rejected"]}
+    return LinkStatus(
+        names=[link.spec for link in links],
+        connected=any(link.is_connected for link in links),
+        error="; ".join(f"{link.spec}: {link.error}" for link in links if link.error),
+        reconnects=sum(link.reconnects for link in links),
+        silence_s=round(max(0.0, min(board["age"] for board in boards)), 3) if boards else None,
+        lost_percent=round(100.0 * max((board["loss"] for board in boards), default=0.0), 2),
+        counters={**counters, **{f"refused_{reason}": count for reason, count in health["refused"].items()}},
+    )
+
+
+def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> RobotStatus:
+    """The boards' own words, and which topics there are."""
+    drive = snapshot.balance or snapshot.boards.get("drive")
+    power = snapshot.power
+    x, y, theta = rounded(snapshot.pose)
+    return RobotStatus(
+        name=snapshot.robot,
+        state=drive.state if drive else None,
+        stop_reason=drive.reason if drive else None,
+        battery_volts=power.battery_volts if power else None,
+        battery_amperes=power.battery_amperes if power else None,
+        charger_volts=power.charger_volts if power else None,
+        tilt_rad=round(snapshot.tilt, 4),
+        pose=(x, y, theta),
+        distance_m=round(snapshot.distance, 3),
+        virtual=is_virtual,
+        layers=layers,
+        boards={name: dataclasses.asdict(board) for name, board in snapshot.boards.items()},
+    )
+
+
+def filter_status(snapshot: Snapshot, worker: EstimatorStatus) -> FilterStatus:
+    """How the path filter is doing."""
+    return FilterStatus(
+        state=worker.state,
+        reason=worker.reason,
+        particles=worker.n_particles,
+        wanted_particles=worker.wanted_particles,
+        effective_particles=round(snapshot.effective_particles, 1),
+        resamplings=snapshot.resamplings,
+        waiting=worker.waiting,
+        restarts=worker.restarts,
+        load=round(worker.load, 4),
+        process_id=worker.process_id,
+    )
+
+
+def driver_status(snapshot: Snapshot, control: Control, n_viewers: int, t: float) -> DriverStatus:
+    """Who drives at the session's time t."""
+    return DriverStatus(
+        viewer=control.driver,
+        leased=control.has_lease(t),
+        stopped_by=control.stopped_by,
+        autopilot=control.autopilot,
+        goal=snapshot.goal,
+        viewers=n_viewers,
+        max_speed=control.params.max_speed,
+        max_turn=control.params.max_turn,
+    )
