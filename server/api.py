@@ -2,7 +2,8 @@
 
 Sees snapshots and a status, never a robot: the session behind it is a `Cockpit`. What may move the robot is decided by
 `control`, who may connect by `guard`. Nothing is fetched from elsewhere, the documentation page included. Uses its
-siblings `cockpit`, `dashboard`, `guard`, `stream` and those of `rest`: `state`.
+siblings `cockpit`, `dashboard`, `guard`, `stream` and those of `rest`:
+`answers`, `commands`, `health`, `metrics`, `state`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import RequestValidationError
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 from pydantic import ValidationError
@@ -22,13 +24,17 @@ from server.cockpit import Cockpit
 from server.control import WORDS, AckWord, CommandWord, PingWord, Refused
 from server.dashboard import Dashboard, add_viser
 from server.guard import Guard
+from server.rest.answers import GUARDED, answer_nonsense
+from server.rest.commands import command_routes
+from server.rest.health import health_routes
+from server.rest.metrics import metrics_routes
 from server.rest.state import state_routes
 from server.stream import Viewer, encode
 
 log = logging.getLogger(__name__)
 
 WEB = Path(__file__).resolve().parents[1] / "web"
-MAX_VIEWERS = 16
+MAX_VIEWERS = 64
 MAX_WORDS_PER_SECOND = 200
 MAX_NONSENSE = 20  # words that cannot be understood, before the line is cut
 MAX_WORD_BYTES = 4096
@@ -46,9 +52,12 @@ The live stream with its commands is the WebSocket `/api/v1/stream`, described i
 def create_app(cockpit: Cockpit, token: str | None = None, dashboard: Dashboard | None = None) -> FastAPI:
     """The application for one session; with a `token` nothing is answered without it."""
     app = FastAPIOffline(
-        title="Crunch", version=cockpit.status().version, description=DESCRIPTION, docs_url="/docs", redoc_url=None
-    )
-    app.include_router(state_routes(cockpit))
+        title="Crunch", version=cockpit.status().version, description=DESCRIPTION, docs_url="/docs", redoc_url=None,
+        responses=GUARDED,
+    )  # fmt: skip
+    app.add_exception_handler(RequestValidationError, answer_nonsense)
+    for routes in (state_routes, command_routes, health_routes, metrics_routes):
+        app.include_router(routes(cockpit))
     add_stream(app, cockpit)
     if dashboard is not None:
         add_viser(app, dashboard, cockpit.snapshot)

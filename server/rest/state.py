@@ -12,6 +12,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 
 from server.cockpit import PREFIX, Cockpit
+from server.config import Config
 from server.map_files import map_json
 from server.map_picture import draw_png
 from server.maps import FloorMap
@@ -33,6 +34,11 @@ def state_routes(cockpit: Cockpit) -> APIRouter:
     async def config() -> dict[str, Any]:
         """The settings that the session runs with, defaults included."""
         return cockpit.configuration()
+
+    @router.get("/config/schema", tags=["state"], responses={200: SCHEMA_EXAMPLE})
+    async def config_schema() -> dict[str, Any]:
+        """What can be set, with types, limits and defaults, as JSON Schema."""
+        return Config.model_json_schema()
 
     @router.get("/profile", tags=["map"])
     async def profile() -> Profile:
@@ -59,6 +65,9 @@ def state_routes(cockpit: Cockpit) -> APIRouter:
     return router
 
 
+SCHEMA_EXAMPLE: dict[str, Any] = {
+    "content": {"application/json": {"example": {"title": "Config", "type": "object", "properties": {}}}}
+}
 MAP_JSON_EXAMPLE: dict[str, Any] = {
     "content": {
         "application/json": {

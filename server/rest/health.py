@@ -1,0 +1,74 @@
+"""REST for those who watch over the robot by machine: what must be so, and whether it is.
+
+Read off the status, so that it says what the page says. Uses its siblings `cockpit` and `views`.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from fastapi import APIRouter, Response
+from pydantic import BaseModel, Field
+
+from server.cockpit import PREFIX, Cockpit
+from server.views import Status
+
+SILENT = 1.0  # s without a word from the robot
+LOSSY = 20.0  # percent of frames
+SCARCE = 0.5  # GB left on the recording's disk: more than a day of driving
+
+
+class Check(BaseModel):
+    """One thing that must be so."""
+
+    name: str = Field(examples=["link"])
+    ok: bool = Field(examples=[True])
+    detail: str = Field(examples=["heard 0.02 s ago"], description="what was found, for a person to read")
+
+
+class Health(BaseModel):
+    """Whether everything is as it must be."""
+
+    ok: bool = Field(examples=[True])
+    checks: list[Check]
+
+
+def health_routes(cockpit: Cockpit) -> APIRouter:
+    """One route for load balancers, supervisors and people in a hurry."""
+    router = APIRouter(prefix=PREFIX)
+
+    @router.get("/health", tags=["watching"], responses={503: {"model": Health, "description": "Some check failed"}})
+    async def health(response: Response) -> Health:
+        """200 while the robot is heard, the filter runs and there is room to record; 503 as soon as one is not so."""
+        checks = checks_of(cockpit.status())
+        found = Health(ok=all(check.ok for check in checks), checks=checks)
+        response.status_code = 200 if found.ok else 503
+        return found
+
+    return router
+
+
+def checks_of(status: Status) -> list[Check]:
+    """What must be so, of a status."""
+    link, robot, worker = status.link, status.robot, status.filter
+    silence = link.silence_s
+    is_heard = silence is not None and silence <= SILENT
+    connection = "connected" if link.connected else "not connected"
+    heard = "never heard" if silence is None else f"heard {silence:.2f} s ago"
+    return [
+        Check(name="link", ok=link.connected, detail=link.error or connection),
+        Check(name="robot", ok=is_heard, detail=heard),
+        Check(name="radio", ok=link.lost_percent < LOSSY, detail=f"{link.lost_percent:.1f} % of frames lost"),
+        Check(name="balance", ok=robot.state != "fallen", detail=robot.state or "not told yet"),
+        Check(name="filter", ok=worker.state != "failed", detail=worker.reason or worker.state),
+        recording_check(status.recording),
+    ]
+
+
+def recording_check(recording: str | None) -> Check:
+    """Whether there is room for what is recorded, if anything is."""
+    if recording is None:
+        return Check(name="recording", ok=True, detail="off")
+    free = shutil.disk_usage(Path(recording).parent).free / 1e9
+    return Check(name="recording", ok=free > SCARCE, detail=f"{recording}, {free:.1f} GB free")
