@@ -15,9 +15,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from server.messages import Estimate, Keyframe
+from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
 IDLE_BEAT = 0.2  # s between two beats of a worker without work
+BRANCHES = 64  # particles whose ways through the tree are shown
 
 
 class PathFilterLike(Protocol):
@@ -34,6 +36,10 @@ class PathFilterLike(Protocol):
 
     def estimate(self, max_particles: int = 500) -> Any:
         """The best path and the particles' spread, as a `slam.path_filter.PathEstimate`."""
+        ...
+
+    def uncertainty(self, n_leaves: int) -> Uncertainty:
+        """How certain each vertex is, and the tree's branches under about `n_leaves` particles."""
         ...
 
     def resize(self, n_particles: int) -> None:
@@ -61,6 +67,7 @@ class Answer(NamedTuple):
 def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
     """The filter's present estimate as a message with time `t` and at most `shown` particles."""
     now = path_filter.estimate(shown)
+    certainty = path_filter.uncertainty(BRANCHES)
     return Estimate(
         t=t,
         path=now.path,
@@ -72,6 +79,9 @@ def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
         resamplings=int(now.resamplings),
         affinity=float(now.affinity),
         plausibility=float(now.plausibility),
+        spread=certainty.spread,
+        revisit_spread=certainty.revisit_spread,
+        branches=certainty.branches,
     )
 
 

@@ -6,10 +6,10 @@ Nothing here knows a byte format, a robot or a file.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
+from slam.uncertainty import Branches
 from slam.walls import Walls
 
 
@@ -123,18 +123,6 @@ class Arm:
 
     t: float
     armed: bool = True
-
-
-class Branches(NamedTuple):
-    """The part of the path tree that some of the particles hang on.
-
-    `poses` is (k, 3) in the world; `parents` (k,) int32 are rows of it, -1 for the root, always smaller than the row
-    itself; `depths` (k,) int32 are vertices.
-    """
-
-    poses: np.ndarray
-    parents: np.ndarray
-    depths: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

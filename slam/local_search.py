@@ -19,6 +19,7 @@ from slam.motion import MotionParams, moved_pose
 from slam.params import Params
 from slam.path_filter import PathEstimate
 from slam.pose import between
+from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
 WHERE, SIZE, ANGLE_STEP, DISTANCE_STEP = 16, 17, 18, 19  # streams of random numbers, apart from the filter's
@@ -137,6 +138,10 @@ class LocalSearch:
         """How well the map agrees with itself."""
         seen = self.observations
         return float(path_affinity(self.poses, 0, seen.labels, seen.segments, seen.rule))
+
+    def uncertainty(self, n_leaves: int) -> Uncertainty:
+        """One path knows nothing of others."""
+        return Uncertainty(np.zeros(0), np.zeros(0), None)
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """The path as one particle; RuntimeError before the first vertex."""

@@ -24,6 +24,7 @@ from slam.params import Params
 from slam.path_tree import PathTree, ancestor, attach
 from slam.pose import between
 from slam.resampling import effective_particles, normalize, systematic
+from slam.uncertainty import Uncertainty, uncertainty
 from slam.walls import Walls
 
 
@@ -264,6 +265,12 @@ class PathFilter:
     def best(self) -> int:
         """The particle of greatest affinity and plausibility."""
         return int(np.argmax(self.affinities + self.plausibilities))
+
+    def uncertainty(self, n_leaves: int) -> Uncertainty:
+        """How certain each vertex is; RuntimeError before the first one."""
+        if self.tree is None:
+            raise RuntimeError("the filter has seen no vertex yet")
+        return uncertainty(self.tree, normalize(self.log_weights), n_leaves)
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """What is known now; RuntimeError before the first vertex."""

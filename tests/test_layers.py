@@ -36,7 +36,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     (
         "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.layers", "server.map_files",
-        "server.map_picture", "server.maps", "server.report",
+        "server.map_picture", "server.map_store", "server.maps", "server.report",
         "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.state", "server.score", "server.status", "server.stream", "server.views",
     ),
     ("server.bridge", "server.live", "server.recorded", "server.replay", "server.simulate"),
