@@ -9,19 +9,21 @@ from __future__ import annotations
 import importlib.metadata
 import logging
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from typing import Any, Protocol
 
-from server.control import CommandWord, Control
+from server.control import CommandWord, Control, PlainWord, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
 from server.layers import Layers
 from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, Snapshot, Stop
+from server.pulse import Pulse
 from server.recording import Recorder
 from server.session import Session
-from server.status import driver_status, filter_status, link_status, map_status, robot_status
+from server.status import driver_status, filter_status, link_status, loop_status, map_status, robot_status
 from server.stream import Hub
 from server.transport import Link
-from server.views import Status, pose_view
+from server.views import SessionStatus, Status, pose_view
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +40,10 @@ class Robot(Protocol):
 
     def snapshot(self) -> Snapshot:
         """What there is to see."""
+        ...
+
+    def finish(self) -> list[Keyframe]:
+        """The session ends here: the vertices that still wait."""
         ...
 
 
@@ -71,9 +77,11 @@ class Bridge:
         self.hub = Hub()
         self.layers = Layers(self.hub)
         self.dashboard = Dashboard()
+        self.pulse = Pulse()
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None
         self.virtual: Autopilot | None = None
+        self.about = SessionStatus(number=1, began=datetime.now(UTC))
         self.clock: Callable[[], float] = next(iter(self.links.values())).now
         self.start = self.clock()
         self.steered = -STEERING_PERIOD
@@ -86,6 +94,37 @@ class Bridge:
     def t(self) -> float:
         """The session's present."""
         return self.clock() - self.start
+
+    # From one session to the next.
+
+    def begin(
+        self,
+        robot: Robot,
+        session: Session,
+        estimator: Estimator,
+        recorder: Recorder | None,
+        configuration: dict[str, Any],
+        about: SessionStatus,
+    ) -> None:
+        """A new session on the same links: time starts at zero, and nobody drives yet."""
+        self.robot, self.session, self.estimator, self.recorder = robot, session, estimator, recorder
+        self.settings, self.about = configuration, about
+        self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
+        self.steered = -STEERING_PERIOD
+        self.newest, self.newest_at = None, -1.0
+        self.control = Control(self.control.params, None if self.control.autopilot is None else False)
+        self.sync_autopilot()
+        self.publish_status()
+
+    def end(self) -> None:
+        """The session is over: the robot stands, nothing more is recorded or mapped. Its map stays to be looked at."""
+        self.halt()
+        self.about = self.about.model_copy(update={"running": False})
+        self.session.sink = self.recorder = None
+        for keyframe in self.robot.finish():
+            if self.estimator is not None:
+                self.estimator.submit(keyframe)
+        self.publish_status()
 
     # What comes in.
 
@@ -101,6 +140,8 @@ class Bridge:
 
     def hear(self, viewer: str, word: CommandWord) -> None:
         """A viewer's word; raises Refused."""
+        if not self.about.running and not isinstance(word, PlainWord):
+            raise Refused("no session runs: begin one under Sessions first")
         before = (self.control.driver, self.control.stopped_by, self.control.autopilot)
         t = self.t
         self.tell(self.control.hear(viewer, word, t), t)
@@ -140,7 +181,7 @@ class Bridge:
             if not isinstance(effect, Keyframe):
                 link = self.links.get(self.session.drive_link) or next(iter(self.links.values()))
                 link.write(self.session.encode(effect))
-            elif self.estimator is not None:
+            elif self.estimator is not None and self.about.running:
                 self.estimator.submit(effect)
 
     def is_hasty(self, effect: Effect, t: float) -> bool:
@@ -176,7 +217,7 @@ class Bridge:
 
     def publish_status(self) -> None:
         """Show the status, out of turn when somebody's word changed it."""
-        self.hub.publish("status", self.status().model_dump())
+        self.hub.publish("status", self.status().model_dump(mode="json"))
 
     # What there is to see.
 
@@ -202,10 +243,12 @@ class Bridge:
         return Status(
             t=round(t, 3),
             version=self.version,
+            session=self.about,
             recording=str(self.recorder.path) if self.recorder else None,
             link=link_status(self.session, self.links.values(), t),
             robot=robot_status(snapshot, self.virtual is not None, self.layers.names(snapshot)),
             map=map_status(snapshot, worker.vertices > 0),
             filter=filter_status(snapshot, worker),
             driver=driver_status(snapshot, self.control, len(self.hub.viewers), t),
+            loop=loop_status(self.pulse.lateness()),
         )

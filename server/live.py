@@ -2,7 +2,8 @@
 
 The links, the path filter's worker, the passing of time, the recording's syncs and the web server are its members. When
 one ends, however it ends, the motors are stopped while the links are still open, and all the others end too. Uses its
-siblings `bridge` (the session itself) and `replay` (warming the kernels up), and `simulate` (which plan a world has).
+siblings `bridge` (what runs), `sessions` (from one to the next), `replay` (warming the kernels up) and `simulate` (which
+plan a world has).
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
-import importlib.metadata
 import logging
 import secrets
 import signal
@@ -30,18 +30,17 @@ from server.bridge import Bridge
 from server.config import Config
 from server.control import Control
 from server.errors import UserError
-from server.estimator import WorkerEstimator
 from server.guard import is_loopback
-from server.recording import Header, LinkName, Recorder
 from server.replay import warm_up
-from server.robots.crunch import Crunch, make_estimator
+from server.robots.crunch import Crunch
 from server.session import Session
+from server.sessions import Sessions
 from server.transport import Link, VirtualLink, open_link
 
 log = logging.getLogger(__name__)
 
-TICK_PERIOD = 0.05  # s
-FRAME_PERIOD = 0.1  # s
+TICK_PERIOD = 0.02  # s
+FRAME_PERIOD = 0.05  # s
 SYNC_PERIOD = 1.0  # s
 LONGEST_GOODBYE = 2  # s that viewers are given to close
 
@@ -56,6 +55,7 @@ class LiveOptions:
     seed: int = 0
     threads: int = 1
     recordings: Path | None = Path("recordings")
+    name: str = ""  # of the first session
     opens_browser: bool = False
 
 
@@ -103,13 +103,12 @@ def run(options: LiveOptions, make_links: Callable[[], list[Link]], control: Con
     with listening(options.host, options.port) as listener:
         warm_kernels(options)
         names = {f"link{number}": link for number, link in enumerate(make_links())}
-        recorder = open_recording(options, names)
+        live = Live(options, names, control, virtual)
+        live.sessions.open(options.name)
         try:
-            asyncio.run(Live(options, names, control, recorder, virtual).run(listener))
+            asyncio.run(live.run(listener))
         finally:
-            if recorder:
-                recorder.close()
-                print(f"Recorded in {recorder.path}", flush=True)
+            live.sessions.close()
     return 0
 
 
@@ -120,39 +119,26 @@ class Finished(Exception):
 class Live:
     """The one task group."""
 
-    def __init__(
-        self, options: LiveOptions, links: dict[str, Link], control: Control, recorder: Recorder | None, virtual: Any
-    ):
+    def __init__(self, options: LiveOptions, links: dict[str, Link], control: Control, virtual: Any):
         params = options.config.crunch
         robot = Crunch(params)
-        session = Session(robot, params.calibration, recorder)
         self.options = options
         self.links = links
-        self.recorder = recorder
-        self.bridge = Bridge(robot, session, links, control, options.config.model_dump(mode="json"))
-        self.estimator = WorkerEstimator(
-            functools.partial(make_estimator, params, options.seed, options.threads),
-            self.bridge.believe,
-            params.filter.particles,
-            options.config.estimator,
-        )
-        self.bridge.estimator = self.estimator
-        self.bridge.recorder = recorder
+        self.bridge = Bridge(robot, Session(robot, params.calibration), links, control, {})
         self.bridge.virtual = virtual
-        if recorder:
-            self.bridge.start = recorder.start_ns * 1e-9
+        self.sessions = Sessions(self.bridge, options.config, options.seed, options.threads, options.recordings)
         self.token = None if is_loopback(options.host) else secrets.token_urlsafe(16)
         self.server: uvicorn.Server | None = None
 
     async def run(self, listener: socket.socket) -> None:
         """Live until `leave` is called or something breaks; an error of the robot or the page ends up here."""
-        self.server = make_server(create_app(self.bridge, self.token, self.bridge.dashboard))
+        self.server = make_server(create_app(self.bridge, self.token, self.bridge.dashboard, self.sessions))
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, self.leave)
         try:
             async with asyncio.TaskGroup() as group:
                 # The links come last: when all are cancelled, the members before them can still say stop.
-                for work in (self.serve(listener), self.tick(), self.publish(), self.estimator.run(), self.sync()):
+                for work in (self.serve(listener), self.tick(), self.publish(), self.sessions.run(), self.sync()):
                     group.create_task(self.member(work))
                 for link_id, link in self.links.items():
                     group.create_task(link.run(functools.partial(self.bridge.receive, link_id)))
@@ -198,10 +184,13 @@ class Live:
             await asyncio.to_thread(webbrowser.open, address)
 
     async def tick(self) -> None:
-        """The driver's lease."""
+        """The driver's lease; and how late the loop is to look after it."""
+        clock = asyncio.get_running_loop().time
         while True:
             self.bridge.tick()
+            due = clock() + TICK_PERIOD
             await asyncio.sleep(TICK_PERIOD)
+            self.bridge.pulse.beat(clock() - due)
 
     async def publish(self) -> None:
         """The viewers' frames."""
@@ -213,8 +202,7 @@ class Live:
         """The recording onto the disk, off the loop."""
         while True:
             await asyncio.sleep(SYNC_PERIOD)
-            if self.recorder:
-                await asyncio.to_thread(self.recorder.sync)
+            await self.sessions.sync()
 
 
 class PageServer(uvicorn.Server):
@@ -278,33 +266,3 @@ def warm_kernels(options: LiveOptions) -> None:
     warm_up(options.config.crunch, 1)
     Crunch(options.config.crunch).snapshot()
     log.info("kernels were ready after %.1f s", time.perf_counter() - started)
-
-
-def open_recording(options: LiveOptions, links: dict[str, Link]) -> Recorder | None:
-    """A new recording in the folder for them, named by the date."""
-    if options.recordings is None:
-        return None
-    header = Header(
-        robot="crunch",
-        links=tuple(LinkName(id=link_id, spec=link.spec) for link_id, link in links.items()),
-        unix_ns=time.time_ns(),
-        monotonic_ns=round(next(iter(links.values())).now() * 1e9),
-        configuration=options.config.model_dump(mode="json"),
-        software={"crunch": importlib.metadata.version("crunch")},
-    )
-    try:
-        options.recordings.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(
-            f"{options.recordings}: cannot be made ({error.strerror}); name another with --recordings"
-        ) from None
-    return Recorder(free_name(options.recordings), header)
-
-
-def free_name(folder: Path) -> Path:
-    """run-DATE-TIME.rlog, with a number behind it if two sessions start in one second."""
-    stem = time.strftime("run-%Y%m%d-%H%M%S")
-    path, number = folder / f"{stem}.rlog", 2
-    while path.exists():
-        path, number = folder / f"{stem}-{number}.rlog", number + 1
-    return path

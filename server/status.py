@@ -8,9 +8,19 @@ from collections.abc import Collection
 from server.control import Control
 from server.estimator import EstimatorStatus
 from server.messages import Snapshot
+from server.pulse import Lateness
 from server.session import Session
 from server.transport import Link
-from server.views import DriverStatus, FilterStatus, LinkStatus, MapStatus, RobotStatus, path_length, rounded
+from server.views import (
+    DriverStatus,
+    FilterStatus,
+    LinkStatus,
+    LoopStatus,
+    MapStatus,
+    RobotStatus,
+    path_length,
+    rounded,
+)
 
 
 def map_status(snapshot: Snapshot, has_vertices: bool) -> MapStatus:
@@ -88,4 +98,13 @@ def driver_status(snapshot: Snapshot, control: Control, n_viewers: int, t: float
         viewers=n_viewers,
         max_speed=control.params.max_speed,
         max_turn=control.params.max_turn,
+    )
+
+
+def loop_status(late: Lateness) -> LoopStatus:
+    """How late the event loop is."""
+    return LoopStatus(
+        late_p50_ms=round(1e3 * late.p50, 3),
+        late_p99_ms=round(1e3 * late.p99, 3),
+        late_worst_ms=round(1e3 * late.worst, 3),
     )

@@ -1,29 +1,21 @@
 """What viewers get of a robot: the topics of the stream and the documents of REST, made from a Snapshot.
 
 Arrays are narrowed for the wire: poses as float32, the local map as one byte per cell, wall points as centimetres in
-16 bits around an origin. Knows no socket and no web framework.
+16 bits. Knows no socket and no web framework. Uses its sibling `layers`.
 """
 
 from __future__ import annotations
 
 import math
 import zlib
-from typing import Any, NamedTuple
+from datetime import datetime
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, Field
 
+from server.layers import CENTIMETRE, View, layer, pack_curves
 from server.messages import Snapshot
-
-CENTIMETRE = 0.01
-FURTHEST = 32767
-
-
-class View(NamedTuple):
-    """The fields and arrays of one frame."""
-
-    fields: dict[str, Any]
-    arrays: dict[str, np.ndarray]
 
 
 class LinkStatus(BaseModel):
@@ -51,6 +43,9 @@ class RobotStatus(BaseModel):
     pose: tuple[float, float, float] = Field(examples=[(1.25, 0.5, 0.1)], description="x m, y m, heading rad, world")
     distance_m: float = Field(examples=[12.5])
     virtual: bool = Field(examples=[True])
+    layers: list[str] = Field(
+        default=[], examples=[["pose", "histogram", "local", "path", "tile"]], description="topics that this robot has"
+    )
     boards: dict[str, dict[str, Any]] = Field(examples=[{"drive": {"uptime": 61.0, "reset_cause": 1}}])
 
 
@@ -92,17 +87,37 @@ class DriverStatus(BaseModel):
     max_turn: float = Field(examples=[1.5])
 
 
+class SessionStatus(BaseModel):
+    """The session: what people call it, and where it is kept."""
+
+    number: int = Field(examples=[1], description="counts the sessions of this server")
+    name: str = Field(default="", examples=["Third floor, east"], description="empty until somebody names it")
+    running: bool = Field(default=True, examples=[True], description="false once it has ended; nothing moves then")
+    began: datetime = Field(examples=["2026-01-01T12:00:00Z"])
+    recording: str | None = Field(default=None, examples=["run-20260101-120000"], description="null if not recorded")
+
+
+class LoopStatus(BaseModel):
+    """How late the event loop is, over the last 20 s: everything that steers and shows goes through it."""
+
+    late_p50_ms: float = Field(examples=[0.6])
+    late_p99_ms: float = Field(examples=[4.1])
+    late_worst_ms: float = Field(examples=[11.8])
+
+
 class Status(BaseModel):
     """Everything at a glance; lengths in metres, angles in radians, times in seconds since the session's start."""
 
     t: float = Field(examples=[61.32])
     version: str = Field(examples=["0.1.0"])
+    session: SessionStatus
     recording: str | None = Field(examples=["recordings/run-20260101-120000.rlog"])
     link: LinkStatus
     robot: RobotStatus
     map: MapStatus
     filter: FilterStatus
     driver: DriverStatus
+    loop: LoopStatus
 
 
 class Profile(BaseModel):
@@ -128,8 +143,11 @@ def pose_view(snapshot: Snapshot, now: float) -> View:
     )
 
 
-def histogram_view(snapshot: Snapshot) -> View:
+@layer("histogram")
+def histogram_view(snapshot: Snapshot) -> View | None:
     """The polar histogram, its valleys, the goal's bearing and the commanded one (Figure 3 of the thesis)."""
+    if not len(snapshot.densities):
+        return None
     return View(
         {
             "threshold": float(snapshot.threshold),
@@ -141,11 +159,14 @@ def histogram_view(snapshot: Snapshot) -> View:
     )
 
 
-def local_view(snapshot: Snapshot) -> View:
+@layer("local", every=4)
+def local_view(snapshot: Snapshot) -> View | None:
     """The local map as occupancy of 0 to 255, what the sensors saw last, and the walls (Figure 2 of the thesis).
 
     `cells` is deflated (zlib's format): rows of `shape`, y upwards.
     """
+    if not snapshot.local_map.size:
+        return None
     cells = probabilities(snapshot.local_map)
     beams: dict[str, dict[str, float]] = {}
     arrays: dict[str, np.ndarray] = {"cells": np.frombuffer(zlib.compress(cells.tobytes(), 1), np.uint8)}
@@ -153,7 +174,7 @@ def local_view(snapshot: Snapshot) -> View:
         beams[sensor] = {"half_angle": float(beam["half_angle"]), "max_range": float(beam["max_range"])}
         for name in ("bearings", "offsets", "ranges"):
             arrays[f"{sensor}.{name}"] = np.broadcast_to(np.asarray(beam[name], np.float32), np.shape(beam["bearings"]))
-    arrays |= pack_curves(snapshot.curves, np.zeros(2))
+    arrays |= pack_curves(snapshot.curves)
     return View(
         {
             "resolution": float(snapshot.local_resolution),
@@ -167,21 +188,19 @@ def local_view(snapshot: Snapshot) -> View:
     )
 
 
-def map_view(snapshot: Snapshot) -> View:
-    """The best path, its walls, the particles and the tree's profile; sent when the estimate changes."""
-    origin = np.round(snapshot.path[0, :2], 2) if len(snapshot.path) else np.zeros(2)
+@layer("path")
+def path_view(snapshot: Snapshot) -> View:
+    """The best path with how certain each vertex is, and the particles; the walls seen from it come as tiles.
+
+    `profile` and `spread` (m) have a number for each vertex; `spread` is empty where an estimator has none.
+    """
     return View(
-        {
-            "origin": rounded(origin),
-            "scale": CENTIMETRE,
-            "fixed_depth": int(snapshot.fixed_depth),
-            "n_particles": int(snapshot.n_particles),
-        },
+        {"fixed_depth": int(snapshot.fixed_depth), "n_particles": int(snapshot.n_particles)},
         {
             "path": np.asarray(snapshot.path, np.float32).reshape(-1, 3),
-            "particles": np.asarray(snapshot.particles, np.float32).reshape(-1, 3),
             "profile": np.asarray(snapshot.profile, np.float32),
-            **pack_curves(snapshot.walls, origin),
+            "spread": np.asarray(snapshot.spread, np.float32),
+            "particles": np.asarray(snapshot.particles, np.float32).reshape(-1, 3),
         },
     )
 
@@ -190,15 +209,6 @@ def probabilities(log_odds: np.ndarray) -> np.ndarray:
     """Log odds as occupancy of 0 (free) to 255 in 16 steps on either side of 128, which is unknown."""
     certainty = np.tanh(0.5 * log_odds)
     return (128.0 + np.round(16.0 * certainty) * (127.0 / 16.0)).astype(np.uint8)
-
-
-def pack_curves(curves: list[np.ndarray], origin: np.ndarray) -> dict[str, np.ndarray]:
-    """Curves, each (k, 2) in metres, as `points` (n, 2) in centimetres from `origin` and `lengths` of the curves."""
-    curves = [curve for curve in curves if len(curve)]
-    lengths = np.array([len(curve) for curve in curves], np.uint16)
-    points = np.concatenate(curves) if curves else np.zeros((0, 2))
-    near = np.clip(np.round((points - origin) / CENTIMETRE), -FURTHEST, FURTHEST).astype(np.int16)
-    return {"points": near, "lengths": lengths}
 
 
 def path_length(path: np.ndarray) -> float:

@@ -31,13 +31,13 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry"),
     (
-        "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health",
+        "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health", "server.pulse",
         "server.session",
     ),
     (
-        "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.layers", "server.map_files",
+        "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.labels", "server.layers", "server.map_files",
         "server.map_picture", "server.map_store", "server.maps", "server.report",
-        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.state", "server.score", "server.status", "server.stream", "server.views",
+        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.state", "server.score", "server.status", "server.stream", "server.survey", "server.views",
     ),
     ("server.bridge", "server.live", "server.recorded", "server.replay", "server.simulate"),
     ("server.__main__", "server.terminal"),

@@ -16,6 +16,7 @@ from server.views import Status
 
 SILENT = 1.0  # s without a word from the robot
 LOSSY = 20.0  # percent of frames
+LATE = 100.0  # ms: a third of the driver's lease
 SCARCE = 0.5  # GB left on the recording's disk: more than a day of driving
 
 
@@ -62,6 +63,7 @@ def checks_of(status: Status) -> list[Check]:
         Check(name="radio", ok=link.lost_percent < LOSSY, detail=f"{link.lost_percent:.1f} % of frames lost"),
         Check(name="balance", ok=robot.state != "fallen", detail=robot.state or "not told yet"),
         Check(name="filter", ok=worker.state != "failed", detail=worker.reason or worker.state),
+        Check(name="loop", ok=status.loop.late_p99_ms < LATE, detail=f"p99 {status.loop.late_p99_ms:.1f} ms late"),
         recording_check(status.recording),
     ]
 

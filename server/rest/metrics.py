@@ -93,6 +93,12 @@ def gauges_of(status: Status) -> list[Figure]:
         ("filter_effective_particles", "Particles that carry weight.", worker.effective_particles),
         ("filter_waiting_vertices", "Vertices not yet in the estimate.", worker.waiting),
         ("filter_load_ratio", "Share of time that the filter computes.", worker.load),
+        (
+            "loop_late_p50_seconds",
+            "How late the event loop is, median of the last 20 s.",
+            1e-3 * status.loop.late_p50_ms,
+        ),
+        ("loop_late_p99_seconds", "The same, 99th percentile.", 1e-3 * status.loop.late_p99_ms),
         ("viewers", "Open pages and streams.", driver.viewers),
         ("driver_leased", "1 while somebody drives.", driver.leased),
         ("stopped", "1 while a stop holds.", driver.stopped_by is not None),
