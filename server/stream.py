@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 
 WINDOW_FRAMES = 6
 WINDOW_BYTES = 48 * 1024
-HEAD_START = {"status": 3, "pose": 3}  # frames: these go before what has waited as long
+HEAD_START = {"pose": 5, "status": 3}  # frames: these go before what has waited as long
 NOTICES = 32  # notices to one viewer that may wait
 
 Send = Callable[[bytes], Awaitable[None]]
@@ -49,6 +50,11 @@ def decode(data: bytes) -> tuple[int, dict[str, Any], dict[str, np.ndarray]]:
     return sequence, header, arrays
 
 
+def kind_of(topic: str) -> str:
+    """A topic's name without its number: `tile` of `tile/3`."""
+    return topic.partition("/")[0]
+
+
 class Viewer:
     """One page: its waiting frames, and those under way."""
 
@@ -58,9 +64,10 @@ class Viewer:
         self.waiting: dict[str, bytes] = {}
         self.notices: list[bytes] = []
         self.under_way: dict[int, int] = {}  # sequence -> bytes
-        self.last_sent: dict[str, int] = {}  # topic -> sequence
+        self.last_sent: dict[str, int] = {}  # kind of topic -> sequence
         self.sequence = 0
         self.replaced = 0
+        self.bytes_by_topic: Counter[str] = Counter()  # kind of topic -> bytes sent
         self.changed = asyncio.Event()
 
     def put(self, topic: str, body: bytes) -> None:
@@ -78,31 +85,38 @@ class Viewer:
             del self.under_way[sent]
         self.changed.set()
 
-    def next_body(self) -> bytes | None:
-        """What to send now, chosen at the last moment; None while nothing waits or the window is full.
+    def next_frame(self) -> tuple[str, bytes] | None:
+        """Topic and body to send now, chosen at the last moment; None while nothing waits or the window is full.
 
         The topic that was sent longest ago goes first, so that a slow line shows all of them.
         """
         if len(self.under_way) >= WINDOW_FRAMES or sum(self.under_way.values()) >= WINDOW_BYTES:
             return None
         if self.notices:
-            return self.notices.pop(0)
+            return "notice", self.notices.pop(0)
         if not self.waiting:
             return None
-        topic = min(self.waiting, key=lambda name: self.last_sent.get(name, -1) - HEAD_START.get(name, 0))
-        self.last_sent[topic] = self.sequence + 1
-        return self.waiting.pop(topic)
+        topic = min(self.waiting, key=self.turn)
+        self.last_sent[kind_of(topic)] = self.sequence + 1
+        return topic, self.waiting.pop(topic)
+
+    def turn(self, topic: str) -> int:
+        """What waits is sent in this order; the tiles of a map take turns with other topics as if they were one."""
+        kind = kind_of(topic)
+        return self.last_sent.get(kind, -1) - HEAD_START.get(kind, 0)
 
     async def run(self) -> None:
         """Send until cancelled or until `send` fails."""
         while True:
-            body = self.next_body()
-            if body is None:
+            frame = self.next_frame()
+            if frame is None:
                 self.changed.clear()
                 await self.changed.wait()
                 continue
+            topic, body = frame
             self.sequence += 1
             self.under_way[self.sequence] = len(body) + 4
+            self.bytes_by_topic[kind_of(topic)] += len(body) + 4
             await self.send(struct.pack("<I", self.sequence) + body)
 
 
@@ -114,11 +128,26 @@ class Hub:
         self.newest: dict[str, bytes] = {}
 
     def publish(self, topic: str, fields: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> None:
-        """Encode once, give to everyone."""
+        """Encode once, give to everyone; what is as it was is not sent again."""
         body = encode(topic, fields, arrays)
+        if body == self.newest.get(topic):
+            return
         self.newest[topic] = body
         for viewer in self.viewers.values():
             viewer.put(topic, body)
+
+    def forget(self, topic: str) -> None:
+        """There is no such topic any more."""
+        self.newest.pop(topic, None)
+        for viewer in self.viewers.values():
+            viewer.waiting.pop(topic, None)
+
+    def begin(self) -> None:
+        """Another session begins: viewers are told to forget what they have been shown."""
+        self.newest.clear()
+        for viewer in self.viewers.values():
+            viewer.waiting.clear()
+            viewer.put("notice", encode("notice", {"kind": "begin"}))
 
     def join(self, viewer: Viewer) -> None:
         """Add a viewer and show it the present state."""

@@ -1,0 +1,128 @@
+"""Layers: what viewers are shown of a robot, topic by topic, each made by one function of a snapshot.
+
+A new layer is one function here or beside (`@layer("name")`, or `Layers.add` for one that knows more than the snapshot)
+and one in the page (`web/layers.js`). A layer that answers None is none of this robot's: its panel is hidden. What has
+not changed since it was last shown is not sent again. Knows no robot. Uses its sibling `stream`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from server.messages import Snapshot
+from server.stream import Hub
+
+CENTIMETRE = 0.01
+FURTHEST = 32767
+TILE = 16  # vertices
+
+
+class View(NamedTuple):
+    """The fields and arrays of one frame."""
+
+    fields: dict[str, Any]
+    arrays: dict[str, np.ndarray] = {}  # noqa: RUF012 (a default that nobody changes)
+
+
+Look = Callable[[Snapshot], View | None]
+
+
+class Layer(NamedTuple):
+    """A topic, the function that makes it, and how many turns of the publication (20 Hz) it waits between two looks."""
+
+    look: Look
+    every: int
+
+
+LAYERS: dict[str, Layer] = {}  # filled by `layer` when the modules with the functions are imported
+
+
+def layer(name: str, every: int = 2) -> Callable[[Look], Look]:
+    """Show what the function makes of a snapshot as topic `name`, looking on every `every`-th turn."""
+
+    def register(look: Look) -> Look:
+        LAYERS[name] = Layer(look, every)
+        return look
+
+    return register
+
+
+class Layers:
+    """The layers of one session, and what of them its viewers have."""
+
+    def __init__(self, hub: Hub):
+        self.hub = hub
+        self.layers = dict(LAYERS)
+        self.tiles = Tiles(hub)
+        self.turn = 0
+
+    def add(self, name: str, look: Look, every: int = 2) -> None:
+        """A further layer of this session only; `look` may know more than the snapshot."""
+        self.layers[name] = Layer(look, every)
+
+    def names(self, snapshot: Snapshot) -> list[str]:
+        """The topics that this robot has."""
+        shown = [name for name, layer in self.layers.items() if name in self.hub.newest or layer.look(snapshot)]
+        return ["pose", *shown, "tile"]
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Publish what has changed; called 20 times a second."""
+        if self.tiles.is_of_another_session(snapshot):
+            self.hub.begin()
+            self.tiles = Tiles(self.hub)
+        for name, layer in self.layers.items():
+            if self.turn % layer.every == 0:
+                view = layer.look(snapshot)
+                if view is None:
+                    self.hub.forget(name)
+                else:
+                    self.hub.publish(name, *view)
+        self.tiles.show(snapshot)
+        self.turn += 1
+
+
+class Tiles:
+    """The walls of 16 vertices at a time, each in its vertex's own frame, as topics `tile/0`, `tile/1`, ...
+
+    What a vertex saw never changes: only a tile that got a vertex more is sent again, and viewers put the walls where the
+    path has their vertices now.
+    """
+
+    def __init__(self, hub: Hub):
+        self.hub = hub
+        self.first: list[np.ndarray] | None = None  # of the session's walls: another one is another session's
+        self.shown = 0  # vertices
+
+    def is_of_another_session(self, snapshot: Snapshot) -> bool:
+        """Whether the snapshot's walls do not go on from those that were shown."""
+        curves = snapshot.vertex_curves
+        return self.shown > len(curves) or (self.first is not None and curves[0] is not self.first)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Publish the tiles that changed."""
+        curves = snapshot.vertex_curves
+        for tile in range(self.shown // TILE, -(-len(curves) // TILE)):
+            if max(self.shown, TILE * tile) < min(len(curves), TILE * (tile + 1)):
+                self.hub.publish(f"tile/{tile}", *tile_view(TILE * tile, curves[TILE * tile : TILE * (tile + 1)]))
+        self.shown = len(curves)
+        self.first = curves[0] if curves else None
+
+
+def tile_view(first: int, vertices: list[list[np.ndarray]]) -> View:
+    """Walls of the vertices from `first` on; `counts` (v,) is how many curves each vertex has."""
+    kept = [[curve for curve in curves if len(curve) > 1] for curves in vertices]
+    counts = np.array([len(curves) for curves in kept], np.uint16)
+    packed = pack_curves([curve for curves in kept for curve in curves])
+    return View({"first": first, "scale": CENTIMETRE}, {**packed, "counts": counts})
+
+
+def pack_curves(curves: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """Curves, each (k, 2) in metres, as `points` (n, 2) in centimetres and `lengths` of the curves; empty ones go."""
+    curves = [curve for curve in curves if len(curve)]
+    lengths = np.array([len(curve) for curve in curves], np.uint16)
+    points = np.concatenate(curves) if curves else np.zeros((0, 2))
+    near = np.clip(np.round(points / CENTIMETRE), -FURTHEST, FURTHEST).astype(np.int16)
+    return {"points": near, "lengths": lengths}
