@@ -21,6 +21,7 @@ PAPER, INK, MUTED = "#fbfbf9", "#1f2733", "#6b7480"
 FREE_TINT, WALL_TINT = "#e9eff4", "#26303d"
 SETTLED_TINT, OPEN_TINT = "#2f6fde", "#e4792a"
 START_TINT, END_TINT = "#2f9e5b", "#c8343f"
+NEUTRAL_TINT = "#6f8094"  # on light and on dark paper alike
 
 
 def draw_png(floor: FloorMap, title: str, subtitle: str = "") -> bytes:
@@ -51,10 +52,38 @@ def draw_png(floor: FloorMap, title: str, subtitle: str = "") -> bytes:
     return picture.getvalue()
 
 
+def draw_thumbnail(floor: FloorMap, width: int = 480, height: int = 320) -> bytes:
+    """A small picture without words, which is clear on light and on dark paper."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    draw_seen(axes, floor, f"{NEUTRAL_TINT}30")
+    low, high = picture_bounds(floor)
+    half = 0.5 * float(max((high - low) / (width, height))) * np.array([width, height])  # m, of what is shown
+    (left, bottom), (right, top) = 0.5 * (low + high) - half, 0.5 * (low + high) + half
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="auto")
+    axes.add_collection(LineCollection(floor.walls, colors=NEUTRAL_TINT, linewidths=1.5, alpha=0.8), autolim=False)
+    if len(floor.path):
+        axes.plot(floor.path[:, 0], floor.path[:, 1], color=SETTLED_TINT, lw=1.4, zorder=3)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", transparent=True, metadata={"Software": None})
+    return picture.getvalue()
+
+
+def wall_box(floor: FloorMap) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corner (2,) of path and walls."""
+    points = np.concatenate([np.zeros((1, 2)) if not len(floor.path) else floor.path[:, :2], *floor.walls])
+    return points.min(axis=0), points.max(axis=0)
+
+
 def picture_bounds(floor: FloorMap) -> tuple[np.ndarray, np.ndarray]:
     """Lower left and upper right corner (2,) of everything drawn, with a margin."""
-    points = np.concatenate([np.zeros((1, 2)) if not len(floor.path) else floor.path[:, :2], *floor.walls])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = wall_box(floor)
     margin = 0.03 * float(max(high - low)) + 0.4
     return low - margin, high + margin
 
@@ -62,19 +91,24 @@ def picture_bounds(floor: FloorMap) -> tuple[np.ndarray, np.ndarray]:
 def draw_floor(axes: Axes, floor: FloorMap) -> None:
     """What was seen free as a light tint, the walls over it."""
     from matplotlib.collections import LineCollection
-    from matplotlib.colors import ListedColormap
 
-    if floor.grid is not None:
-        rows, columns = floor.grid.cells.shape
-        x, y, _ = floor.grid.origin
-        box = (x, x + columns * floor.grid.resolution, y, y + rows * floor.grid.resolution)
-        seen = np.ma.masked_where(floor.grid.cells == UNKNOWN, np.zeros((rows, columns)))
-        axes.imshow(
-            seen, origin="lower", extent=box, cmap=ListedColormap([FREE_TINT]), interpolation="nearest", zorder=0
-        )
-        axes.set_autoscale_on(False)
+    draw_seen(axes, floor, FREE_TINT)
     lines = LineCollection(floor.walls, colors=WALL_TINT, linewidths=1.2, alpha=0.6, capstyle="round", zorder=2)
     axes.add_collection(lines, autolim=False)
+
+
+def draw_seen(axes: Axes, floor: FloorMap, tint: str) -> None:
+    """What was seen of the floor, in one tint."""
+    from matplotlib.colors import ListedColormap
+
+    if floor.grid is None:
+        return
+    rows, columns = floor.grid.cells.shape
+    x, y, _ = floor.grid.origin
+    box = (x, x + columns * floor.grid.resolution, y, y + rows * floor.grid.resolution)
+    seen = np.ma.masked_where(floor.grid.cells == UNKNOWN, np.zeros((rows, columns)))
+    axes.imshow(seen, origin="lower", extent=box, cmap=ListedColormap([tint]), interpolation="nearest", zorder=0)
+    axes.set_autoscale_on(False)
 
 
 def draw_path(axes: Axes, floor: FloorMap) -> None:

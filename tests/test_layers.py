@@ -27,19 +27,19 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats", "server.formats.atomic", "server.formats.carmen", "server.formats.errors",
         "server.formats.g2o", "server.formats.logs", "server.formats.relations", "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
-        "server.recording", "server.transport",
+        "server.recording", "server.transport", "server.words",
     ),
     ("server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry"),
     (
         "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health", "server.pulse",
-        "server.session",
+        "server.session", "server.stops",
     ),
     (
         "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.labels", "server.layers", "server.map_files",
         "server.map_picture", "server.map_store", "server.maps", "server.report",
-        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.state", "server.score", "server.status", "server.stream", "server.survey", "server.views",
+        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.sessions", "server.rest.state", "server.score", "server.status", "server.stream", "server.survey", "server.views",
     ),
-    ("server.bridge", "server.live", "server.recorded", "server.replay", "server.simulate"),
+    ("server.bridge", "server.live", "server.recorded", "server.replay", "server.sessions", "server.simulate"),
     ("server.__main__", "server.terminal"),
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
@@ -119,7 +119,7 @@ def test_the_virtual_robot_knows_only_its_own():
 
 def test_asyncio_stays_at_the_edge():
     edge = {"server.api", "server.bridge", "server.dashboard", "server.estimator", "server.live", "server.player",
-            "server.stream", "server.transport"}  # fmt: skip
+            "server.sessions", "server.stream", "server.transport"}  # fmt: skip
     users = {name_of(path) for path in LAYERED for _, module in imports_of(path) if module.split(".")[0] == "asyncio"}
     assert {user for user in users if not user.startswith("server.rest.")} <= edge
 
