@@ -67,6 +67,7 @@ LiveThreads = Annotated[int, typer.Option(min=1, help="Threads of the filter.")]
 Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]
 Recordings = Annotated[Path, typer.Option(help="Folder for the session's recording.")]
 Record = Annotated[bool, typer.Option("--record/--no-record", help="Keep the bytes that came and went.")]
+Name = Annotated[str, typer.Option(help="What to call the session.", show_default="none")]
 WORLD = "A built-in world (demo, corridor50) or a file: TOML, CARMEN .map, ROS .yaml."
 PLAN = "A built-in drive plan (demo, corridor50) or a TOML file."
 DRIFT = "How badly odometry errs: none, low, medium or high."
@@ -94,6 +95,7 @@ def demo(
     threads: LiveThreads = 1,
     recordings: Recordings = Path("recordings"),
     record: Record = True,
+    name: Name = "",
     particles: Particles = None,
     preset: Preset = None,
     config: ConfigFile = None,
@@ -110,7 +112,7 @@ def demo(
     from server.live import run_demo
 
     options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
-    options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None)
+    options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
     raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed))
 
 
@@ -124,6 +126,7 @@ def serve(
     threads: LiveThreads = 1,
     recordings: Recordings = Path("recordings"),
     record: Record = True,
+    name: Name = "",
     particles: Particles = None,
     preset: Preset = None,
     config: ConfigFile = None,
@@ -142,7 +145,7 @@ def serve(
     from server.live import run_serve
 
     options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
-    options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None)
+    options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
     raise typer.Exit(run_serve(links or [], options))
 
 

@@ -11,17 +11,18 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, FastAPI, Response, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 from pydantic import ValidationError
 
 from server.cockpit import Cockpit
-from server.control import WORDS, AckWord, CommandWord, PingWord, Refused
+from server.control import Refused
 from server.dashboard import Dashboard, add_viser
 from server.guard import Guard
 from server.rest.answers import GUARDED, answer_nonsense
@@ -49,8 +50,10 @@ The live stream with its commands is the WebSocket `/api/v1/stream`, described i
 """
 
 
-def create_app(cockpit: Cockpit, token: str | None = None, dashboard: Dashboard | None = None) -> FastAPI:
-    """The application for one session; with a `token` nothing is answered without it."""
+def create_app(
+    cockpit: Cockpit, token: str | None = None, dashboard: Dashboard | None = None, further: Sequence[APIRouter] = ()
+) -> FastAPI:
+    """The application, with routes to `further` things; with a `token` nothing is answered without it."""
     app = FastAPIOffline(
         title="Crunch", version=cockpit.status().version, description=DESCRIPTION, docs_url="/docs", redoc_url=None,
         responses=GUARDED,
@@ -58,6 +61,8 @@ def create_app(cockpit: Cockpit, token: str | None = None, dashboard: Dashboard 
     app.add_exception_handler(RequestValidationError, answer_nonsense)
     for routes in (state_routes, command_routes, health_routes, metrics_routes):
         app.include_router(routes(cockpit))
+    for router in further:
+        app.include_router(router)
     add_stream(app, cockpit)
     if dashboard is not None:
         add_viser(app, dashboard, cockpit.snapshot)

@@ -32,6 +32,7 @@ from slam.params import Params
 
 PREFIX = "CRUNCH_"
 FILE_NAME = "config.toml"
+REVISABLE = ("crunch", "estimator")  # tables of which a new session may have its own
 ROBOTS = {"crunch": Crunch}  # one row per robot; its parameters are the field of the same name below
 
 THESIS: dict[str, Any] = {
@@ -136,6 +137,29 @@ def load(
         raise explain(error, layers) from None
 
 
+def revised(settings: Config, changes: Mapping[str, Any]) -> Config:
+    """Settings with some keys, written as `crunch.filter.particles`, changed; ConfigError where they cannot be."""
+    values: dict[str, Any] = {}
+    for key, value in changes.items():
+        table = key.split(".")[0]
+        if table not in REVISABLE:
+            raise ConfigError(f"settings: `{key}` stays while the server runs; what can change: {', '.join(REVISABLE)}")
+        values = merge(values, nested(key, value))
+    layer = Layer("settings", values)
+    check_names(layer)
+    try:
+        return Config(**merge(settings.model_dump(), values))
+    except ValidationError as error:
+        raise explain(error, [layer]) from None
+
+
+def nested(key: str, value: Any) -> dict[str, Any]:
+    """A value under a key with dots in it, as nested tables."""
+    for name in reversed(key.strip().split(".")):
+        value = {name: value}
+    return value
+
+
 def check_robot(name: str) -> None:
     """ConfigError for a robot that nobody knows."""
     if name not in ROBOTS:
@@ -193,9 +217,7 @@ def parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
             parsed: Any = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
             parsed = value
-        for name in reversed(key.strip().split(".")):
-            parsed = {name: parsed}
-        values = merge(values, parsed)
+        values = merge(values, nested(key, parsed))
     return values
 
 

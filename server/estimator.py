@@ -46,7 +46,7 @@ class EstimatorParams(Params):
 class EstimatorStatus:
     """How the estimator is doing: a state, counts of keyframes and particles, and the share of time it is busy."""
 
-    state: str  # starting, idle, busy, restarting, failed
+    state: str  # starting, idle, busy, restarting, failed, ended
     vertices: int  # keyframes handed over this session
     waiting: int  # of them not yet answered
     n_particles: int
@@ -211,6 +211,12 @@ class WorkerEstimator:
 
     async def run(self) -> None:
         """Keep a worker alive and fed until cancelled; after too many losses in a row only the state says `failed`."""
+        try:
+            await self._keep_alive()
+        finally:
+            self.state, self.worker = "ended", None
+
+    async def _keep_alive(self) -> None:
         while self.losses < self.params.attempts:
             self.worker = await asyncio.to_thread(Worker, self.factory, self.params.shown)
             self.answered, self.has_answered = 0, False

@@ -2,8 +2,8 @@
 
 The links, the path filter's worker, the passing of time, the recording's syncs and the web server are its members. When
 one ends, however it ends, the motors are stopped while the links are still open, and all the others end too. Uses its
-siblings `bridge` (what runs), `sessions` (from one to the next), `replay` (warming the kernels up) and `simulate` (which
-plan a world has).
+siblings `bridge` (what runs), `sessions` (from one to the next), `replay` (warming the kernels up) and `simulate`
+(which plan a world has).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import uvicorn
+from fastapi import APIRouter
 
 from server.api import create_app
 from server.bridge import Bridge
@@ -32,6 +33,7 @@ from server.control import Control
 from server.errors import UserError
 from server.guard import is_loopback
 from server.replay import warm_up
+from server.rest.sessions import session_routes
 from server.robots.crunch import Crunch
 from server.session import Session
 from server.sessions import Sessions
@@ -132,7 +134,7 @@ class Live:
 
     async def run(self, listener: socket.socket) -> None:
         """Live until `leave` is called or something breaks; an error of the robot or the page ends up here."""
-        self.server = make_server(create_app(self.bridge, self.token, self.bridge.dashboard, self.sessions))
+        self.server = make_server(create_app(self.bridge, self.token, self.bridge.dashboard, self.routers()))
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, self.leave)
         try:
@@ -146,6 +148,10 @@ class Live:
             log.info("the session has ended")
         finally:
             self.bridge.dashboard.stop()
+
+    def routers(self) -> list[APIRouter]:
+        """The routes to what is kept beside the session."""
+        return [session_routes(self.sessions)]
 
     def leave(self) -> None:
         """Stop the robot, then let everything end in order."""

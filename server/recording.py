@@ -59,6 +59,7 @@ class Header(BaseModel):
     unix_ns: int
     monotonic_ns: int
     configuration: dict[str, Any] = {}
+    seed: int = 0  # of the path filter's random numbers
     software: dict[str, str] = {}
 
 

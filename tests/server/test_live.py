@@ -15,8 +15,9 @@ from firmware.virtual import load_plan, load_world
 from server.config import Config
 from server.control import ControlParams
 from server.errors import UserError
-from server.live import LiveOptions, free_name, listening, page_address, run_demo
+from server.live import LiveOptions, listening, page_address, run_demo
 from server.recording import Kind, Reader
+from server.sessions import free_name
 from server.stream import decode
 from tests.served import demo, wait_until
 
@@ -88,7 +89,7 @@ def test_a_world_without_room_for_a_tour_has_no_autopilot(monkeypatch, tmp_path)
 
 def test_people_have_the_same_time_in_a_fast_session():
     fast = ControlParams().at_speed(5.0)
-    assert (fast.lease, fast.stale, fast.max_speed) == (1.5, 5.0, 0.5)
+    assert (fast.lease, fast.stale, fast.max_speed) == (1.5, 7.5, 0.5)
 
 
 def test_demo_serves_records_and_leaves_in_order(tmp_path):

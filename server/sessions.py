@@ -1,0 +1,207 @@
+"""Sessions, one at a time on the same links: each has a robot, a path filter, a recording and a name of its own.
+
+Beginning and ending are told to `bridge`, which shows and drives whatever runs; the filter's worker is a task of the
+group that `run` opens. Uses its siblings `bridge` and `replay` (warming kernels up), and `recorded` (checking sensors).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import importlib.metadata
+import logging
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from server.bridge import Bridge
+from server.config import Config, revised
+from server.errors import UserError
+from server.estimator import WorkerEstimator
+from server.messages import Snapshot
+from server.recorded import check_rings
+from server.recording import Header, LinkName, Recorder
+from server.replay import warm_up
+from server.rest.sessions import NotRunning, SessionSummary
+from server.robots.crunch import Crunch, make_estimator
+from server.session import Session
+from server.views import SessionStatus, path_length
+
+log = logging.getLogger(__name__)
+
+SETTLING = 10.0  # s that the filter is given to answer for the last vertices
+SETTLED_POLL = 0.05  # s between two looks at whether it has
+
+KeepMap = Callable[[Snapshot, SessionStatus], str | None]
+
+
+class Sessions:
+    """The sessions of one server; the newest is the bridge's, running or not. A `SessionKeeper`."""
+
+    def __init__(self, bridge: Bridge, config: Config, seed: int, threads: int, folder: Path | None):
+        self.bridge = bridge
+        self.config = config
+        self.seed = seed
+        self.threads = threads
+        self.folder = folder
+        self.keep_map: KeepMap = lambda snapshot, about: None
+        self.past: list[SessionSummary] = []
+        self.number = 0
+        self.group: asyncio.TaskGroup | None = None
+        self.filtering: asyncio.Task[None] | None = None
+        self.changing = asyncio.Lock()  # of two who begin or end at once, the second waits
+
+    async def run(self) -> None:
+        """Keep the filter of the present session alive until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            self.group = group
+            self._feed()
+            await asyncio.Event().wait()
+
+    async def sync(self) -> None:
+        """The recording onto the disk, off the loop."""
+        if self.bridge.recorder:
+            await asyncio.to_thread(self.bridge.recorder.sync)
+
+    def summaries(self) -> list[SessionSummary]:
+        """All sessions, the newest first."""
+        is_put_away = bool(self.past) and self.past[0].number == self.number
+        return list(self.past) if is_put_away else [self._summary(), *self.past]
+
+    def rename(self, name: str) -> SessionSummary:
+        """Call the newest session something else; its recording remembers."""
+        self.bridge.about = self.bridge.about.model_copy(update={"name": name})
+        self._note_name()
+        if self.past and self.past[0].number == self.number:
+            self.past[0] = self.past[0].model_copy(update={"name": name})
+        self.bridge.publish_status()
+        return self.summaries()[0]
+
+    async def begin(self, name: str = "", settings: dict[str, Any] | None = None) -> SessionSummary:
+        """End the session that runs, and begin a new one; UserError for settings or a folder that cannot be used."""
+        async with self.changing:
+            config = revised(self.config, settings or {})
+            check_rings(config.crunch.sensors)
+            if settings:
+                await asyncio.to_thread(warm_up, config.crunch, 1)
+            if self.bridge.about.running:
+                await self._end()
+            self.open(name, config)
+            self._feed()
+            return self._summary()
+
+    async def end(self) -> SessionSummary:
+        """End the session that runs; NotRunning if none does."""
+        async with self.changing:
+            if not self.bridge.about.running:
+                raise NotRunning("no session runs")
+            return await self._end()
+
+    def open(self, name: str = "", config: Config | None = None) -> None:
+        """Begin a session whose filter starts with `run`; UserError if it cannot be recorded."""
+        config = config or self.config
+        params = config.crunch
+        recorder = self._open_recording(config)
+        self.number += 1
+        about = SessionStatus(
+            number=self.number,
+            name=name,
+            began=datetime.now(UTC),
+            recording=recorder.path.stem if recorder else None,
+        )
+        robot = Crunch(params)
+        estimator = WorkerEstimator(
+            functools.partial(make_estimator, params, self.seed, self.threads),
+            self.bridge.believe,
+            params.filter.particles,
+            config.estimator,
+        )
+        session = Session(robot, params.calibration, recorder)
+        self.bridge.begin(robot, session, estimator, recorder, config.model_dump(mode="json"), about)
+        if name:
+            self._note_name()
+
+    def close(self) -> None:
+        """End the session without waiting for anything: the server leaves."""
+        if self.bridge.about.running:
+            recorder = self.bridge.recorder
+            self.bridge.end()
+            self._put_away(recorder, self._summary(), self.bridge.look())
+
+    async def _end(self) -> SessionSummary:
+        recorder = self.bridge.recorder
+        self.bridge.end()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(SETTLING):
+                while self.bridge.estimator and self.bridge.estimator.status().waiting:
+                    await asyncio.sleep(SETTLED_POLL)
+        if self.filtering is not None:
+            self.filtering.cancel()
+            await asyncio.wait([self.filtering])
+        summary = await asyncio.to_thread(self._put_away, recorder, self._summary(), self.bridge.look())
+        self.past.insert(0, summary)
+        self.bridge.publish_status()
+        return summary
+
+    def _put_away(self, recorder: Recorder | None, summary: SessionSummary, snapshot: Snapshot) -> SessionSummary:
+        """Close the recording and keep the map; what cannot be kept is told, and the recording can make it again."""
+        if recorder:
+            recorder.close()
+            print(f"Recorded in {recorder.path}", flush=True)
+        if not summary.vertices:
+            return summary
+        try:
+            return summary.model_copy(update={"map": self.keep_map(snapshot, summary)})
+        except (UserError, OSError) as error:
+            log.warning("the session's map was not kept: %s", error)
+            return summary
+
+    def _feed(self) -> None:
+        """Start the filter of the session, once `run` runs."""
+        if self.group is not None and isinstance(self.bridge.estimator, WorkerEstimator):
+            self.filtering = self.group.create_task(self.bridge.estimator.run())
+
+    def _summary(self) -> SessionSummary:
+        about, status = self.bridge.about, self.bridge.status()
+        return SessionSummary(
+            **about.model_dump(),
+            duration_s=status.t,
+            vertices=status.map.vertices,
+            path_length_m=round(path_length(self.bridge.look().path), 3),
+        )
+
+    def _note_name(self) -> None:
+        self.bridge.session.mark({"name": self.bridge.about.name}, self.bridge.t)
+
+    def _open_recording(self, config: Config) -> Recorder | None:
+        """A new recording in the folder for them, named by the date."""
+        if self.folder is None:
+            return None
+        links = self.bridge.links.items()
+        header = Header(
+            robot="crunch",
+            links=tuple(LinkName(id=link_id, spec=link.spec) for link_id, link in links),
+            unix_ns=time.time_ns(),
+            monotonic_ns=round(self.bridge.clock() * 1e9),
+            configuration=config.model_dump(mode="json"),
+            seed=self.seed,
+            software={"crunch": importlib.metadata.version("crunch")},
+        )
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            remedy = "name another with --recordings"
+            raise UserError(f"{self.folder}: cannot be made ({error.strerror}); {remedy}") from None
+        return Recorder(free_name(self.folder), header)
+
+
+def free_name(folder: Path) -> Path:
+    """run-DATE-TIME.rlog, with a number behind it if two sessions start in one second."""
+    stem = time.strftime("run-%Y%m%d-%H%M%S")
+    path, number = folder / f"{stem}.rlog", 2
+    while path.exists():
+        path, number = folder / f"{stem}-{number}.rlog", number + 1
+    return path
