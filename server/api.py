@@ -31,6 +31,7 @@ from server.rest.health import health_routes
 from server.rest.metrics import metrics_routes
 from server.rest.state import state_routes
 from server.stream import Viewer, encode
+from server.words import WORDS, AckWord, CommandWord, PingWord
 
 log = logging.getLogger(__name__)
 

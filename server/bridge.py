@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
-from server.control import CommandWord, Control, PlainWord, Refused
+from server.control import Control, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
 from server.layers import Layers
@@ -24,6 +24,7 @@ from server.status import driver_status, filter_status, link_status, loop_status
 from server.stream import Hub
 from server.transport import Link
 from server.views import SessionStatus, Status, pose_view
+from server.words import CommandWord, PlainWord
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +41,11 @@ class Robot(Protocol):
 
     def snapshot(self) -> Snapshot:
         """What there is to see."""
+        ...
+
+    @property
+    def stop_reason(self) -> str | None:
+        """Why the drive board stood still last, in its own word; None before its first."""
         ...
 
     def finish(self) -> list[Keyframe]:
@@ -142,10 +148,10 @@ class Bridge:
         """A viewer's word; raises Refused."""
         if not self.about.running and not isinstance(word, PlainWord):
             raise Refused("no session runs: begin one under Sessions first")
-        before = (self.control.driver, self.control.stopped_by, self.control.autopilot)
+        before = self.control.standing()
         t = self.t
         self.tell(self.control.hear(viewer, word, t), t)
-        if before != (self.control.driver, self.control.stopped_by, self.control.autopilot):
+        if before != self.control.standing():
             self.sync_autopilot()
             self.publish_status()
 
@@ -157,8 +163,11 @@ class Bridge:
 
     def tick(self) -> None:
         """The passing of time: repeats the driver's wish, or stops the robot when the driver has fallen silent."""
-        t = self.t
+        before, t = self.control.standing(), self.t
+        self.control.stops.watch(t, self.robot.stop_reason, any(link.is_connected for link in self.links.values()))
         self.tell(self.control.tick(t), t)
+        if before != self.control.standing():
+            self.publish_status()
 
     def halt(self) -> None:
         """Stand still at once, whatever happens next; for the end of the session."""
@@ -173,7 +182,10 @@ class Bridge:
     def tell(self, messages: list[Message], t: float) -> None:
         """Hand a person's messages to the robot."""
         for message in messages:
-            self.obey(self.session.command(message, t))  # type: ignore[arg-type]  # control only makes commands
+            effects = self.session.command(message, t)  # type: ignore[arg-type]  # control only makes commands
+            if any(isinstance(effect, DriveCommand) for effect in effects):
+                self.steered = t  # the robot's own steering has just been said
+            self.obey(effects)
 
     def obey(self, effects: list[Effect]) -> None:
         """Do what the robot decided."""
@@ -250,5 +262,6 @@ class Bridge:
             map=map_status(snapshot, worker.vertices > 0),
             filter=filter_status(snapshot, worker),
             driver=driver_status(snapshot, self.control, len(self.hub.viewers), t),
+            stops=self.control.stops.newest(),
             loop=loop_status(self.pulse.lateness()),
         )

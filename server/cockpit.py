@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from server.control import CommandWord
 from server.messages import Snapshot
 from server.stream import Hub
 from server.views import Status
+from server.words import CommandWord
 
 PREFIX = "/api/v1"
 

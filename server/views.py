@@ -16,6 +16,7 @@ from pydantic import BaseModel, Field
 
 from server.layers import CENTIMETRE, View, layer, pack_curves
 from server.messages import Snapshot
+from server.stops import StopEntry
 
 
 class LinkStatus(BaseModel):
@@ -81,6 +82,9 @@ class DriverStatus(BaseModel):
     leased: bool = Field(examples=[True], description="whether the driver spoke within the lease")
     stopped_by: str | None = Field(examples=[None], description="who pressed stop, until the driver resumes")
     autopilot: bool | None = Field(examples=[False], description="null for a robot that has none")
+    asked_by: str | None = Field(examples=["viewer-4"], description="who asks for control, until the driver answers")
+    answer_s: float | None = Field(examples=[7.2], description="seconds that the driver has left to answer")
+    shared: bool = Field(examples=[True], description="whether obstacles bend the driver's direction now")
     goal: tuple[float, float] | None = Field(examples=[(2.0, 1.5)])
     viewers: int = Field(examples=[1])
     max_speed: float = Field(examples=[0.5])
@@ -117,6 +121,7 @@ class Status(BaseModel):
     map: MapStatus
     filter: FilterStatus
     driver: DriverStatus
+    stops: list[StopEntry] = Field(description="the newest 20, newest first")
     loop: LoopStatus
 
 

@@ -11,9 +11,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, HTTPException
 
 from server.cockpit import PREFIX, Cockpit
-from server.control import CommandWord, Refused
+from server.control import Refused
 from server.rest.answers import refusal
 from server.views import DriverStatus
+from server.words import CommandWord
 
 NAME = r"^[A-Za-z0-9 ._-]+$"
 EXAMPLES: dict[str, Any] = {

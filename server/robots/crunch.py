@@ -227,6 +227,12 @@ class Crunch:
         turn = max(-limit, min(limit, self.params.turn_gain * steering.bearing))
         return [DriveCommand(min(steering.speed, self.goal.speed) * max(0.0, math.cos(steering.bearing)), turn)]
 
+    @property
+    def stop_reason(self) -> str | None:
+        """Why the drive board stood still last, in its own word; None before its first."""
+        drive = self.balance or self.boards.get("drive")
+        return drive.reason if drive else None
+
     def densities(self, limit: float = math.inf) -> np.ndarray:
         """The polar histogram (sectors,) around the robot now, of obstacles nearer than `limit` m."""
         return self.vfh.histogram(self.local_map.grid(), np.array(self.local_map.in_grid(self.odometry)), limit)

@@ -81,18 +81,6 @@ def test_profile_and_configuration(client, driven):
     assert client.get("/api/v1/config").json()["crunch"]["filter"]["particles"] == 100
 
 
-def test_every_route_is_documented_with_an_example(client):
-    schema = client.get("/openapi.json").json()
-    assert set(schema["paths"]) == {
-        "/api/v1/status", "/api/v1/config", "/api/v1/profile", "/api/v1/map.json", "/api/v1/map.png",
-    }  # fmt: skip
-    for path in schema["paths"].values():
-        assert path["get"]["description"]
-    for name in ("Status", "LinkStatus", "RobotStatus", "MapStatus", "FilterStatus", "DriverStatus", "Profile"):
-        for key, field in schema["components"]["schemas"][name]["properties"].items():
-            assert "examples" in field or "$ref" in field, f"{name}.{key} has no example"
-
-
 def test_nothing_is_fetched_from_elsewhere(client):
     for address in ("/", "/docs", "/style.css", "/main.js"):
         page = client.get(address)
@@ -110,7 +98,7 @@ def test_stream_greets_shows_and_obeys(client, driven):
         socket.send_text(json.dumps({"type": "ping", "sent": 12.5}))
         assert frames_until(socket, "notice", "pong")["sent"] == 12.5
         seen = driven.bridge.t
-        socket.send_text(json.dumps({"type": "take"}))
+        socket.send_text(json.dumps({"type": "ask"}))
         assert frames_until(socket, "status")["driver"]["viewer"] == name
         socket.send_text(json.dumps({"type": "drive", "speed": 0.2, "turn": 0.0, "seen": seen - 5.0}))
         assert "too old" in frames_until(socket, "notice", "refused")["reason"]

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from server.control import DriveWord, GoalWord, HoldWord, PlainWord, Refused
+from server.control import Refused
 from server.stream import Viewer, decode
+from server.words import DriveWord, GoalWord, HoldWord, PlainWord
 from tests.server.live_session import HandSession
 
 
