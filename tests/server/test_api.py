@@ -92,6 +92,7 @@ def test_nothing_is_fetched_from_elsewhere(client):
 
 
 def test_stream_greets_shows_and_obeys(client, driven):
+    driven.bridge.left("anna")
     driven.bridge.hub.newest.clear()
     with client.websocket_connect(STREAM) as socket:
         name = frames_until(socket, "notice", "hello")["viewer"]
