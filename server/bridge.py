@@ -9,12 +9,14 @@ from __future__ import annotations
 import importlib.metadata
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
 from server.control import Control, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
+from server.labels import Labels
 from server.layers import Layers
 from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, Snapshot, Stop
 from server.pulse import Pulse
@@ -88,6 +90,7 @@ class Bridge:
         self.recorder: Recorder | None = None
         self.virtual: Autopilot | None = None
         self.about = SessionStatus(number=1, began=datetime.now(UTC))
+        self.labels = Labels(self.note_label)
         self.clock: Callable[[], float] = next(iter(self.links.values())).now
         self.start = self.clock()
         self.steered = -STEERING_PERIOD
@@ -115,6 +118,7 @@ class Bridge:
         """A new session on the same links: time starts at zero, and nobody drives yet."""
         self.robot, self.session, self.estimator, self.recorder = robot, session, estimator, recorder
         self.settings, self.about = configuration, about
+        self.labels = Labels(self.note_label)
         self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
         self.steered = -STEERING_PERIOD
         self.newest, self.newest_at = None, -1.0
@@ -154,6 +158,10 @@ class Bridge:
         if before != self.control.standing():
             self.sync_autopilot()
             self.publish_status()
+
+    def note_label(self, event: dict[str, Any]) -> None:
+        """The recording remembers what was labelled."""
+        self.session.mark({"label": event}, self.t)
 
     def left(self, viewer: str) -> None:
         """A viewer has gone."""
@@ -235,7 +243,9 @@ class Bridge:
 
     def look(self) -> Snapshot:
         """A fresh snapshot."""
-        self.newest, self.newest_at = self.robot.snapshot(), self.t
+        seen = self.robot.snapshot()
+        labels = self.labels.placed(seen.path[: len(seen.observations)])
+        self.newest, self.newest_at = replace(seen, labels=labels), self.t
         return self.newest
 
     def snapshot(self) -> Snapshot:

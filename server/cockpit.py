@@ -1,12 +1,13 @@
 """What the web server needs of a session: the face that `bridge` has for `api` and for the routes of REST.
 
-Uses its siblings `stream` and `views`.
+Uses its siblings `labels`, `stream` and `views`.
 """
 
 from __future__ import annotations
 
 from typing import Any, Protocol
 
+from server.labels import Labels
 from server.messages import Snapshot
 from server.stream import Hub
 from server.views import Status
@@ -19,6 +20,7 @@ class Cockpit(Protocol):
     """What the web server needs of a session."""
 
     hub: Hub
+    labels: Labels
 
     def snapshot(self) -> Snapshot:
         """What there is to see now."""

@@ -1,7 +1,7 @@
 """Names of places. On the live map each hangs on the vertex nearest to it, so that it moves along when the map does.
 
 A label lives in the running session until it is removed; every change is also told to `remember`, which writes it into
-the recording.
+the recording. Uses its sibling `layers`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field
 
-from server.messages import Label
+from server.layers import View, layer
+from server.messages import Label, Snapshot
 from slam.pose import inverse, transform
 
 MOST = 500  # labels of one map
@@ -40,6 +41,12 @@ class Place(NewPlace):
 def place_of(label: Label) -> Place:
     """As REST shows it."""
     return Place(id=label.id, text=label.text, x=round(label.x, 4), y=round(label.y, 4))
+
+
+@layer("labels", every=4)
+def labels_view(snapshot: Snapshot) -> View:
+    """The names of places on the live map."""
+    return View({"labels": [place_of(label).model_dump() for label in snapshot.labels]})
 
 
 def numbered(labels: Iterable[Label]) -> tuple[Label, ...]:
@@ -96,12 +103,13 @@ class Labels:
 
     def placed(self, path: np.ndarray) -> tuple[Label, ...]:
         """All labels where they are now that the vertices stand at `path` (n, 3)."""
-        found = []
-        for number, label in self.anchored.items():
-            if label.vertex < len(path):
-                x, y = transform(path[label.vertex], label.offset)
-                found.append(Label(number, label.text, float(x), float(y)))
-        return tuple(found)
+        known = {number: label for number, label in self.anchored.items() if label.vertex < len(path)}
+        if not known:
+            return ()
+        offsets = np.array([label.offset for label in known.values()])
+        places = transform(path[[label.vertex for label in known.values()]], offsets).tolist()
+        pairs = zip(known.items(), places, strict=True)
+        return tuple(Label(number, label.text, x, y) for (number, label), (x, y) in pairs)
 
     def recall(self, event: dict[str, Any]) -> None:
         """Do again what a recording remembers; what it does not understand it leaves alone."""
