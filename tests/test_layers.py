@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
-        "slam.affinity", "slam.comparison", "slam.counter_random", "slam.distance_field", "slam.evaluate",
-        "slam.local_map", "slam.motion", "slam.path_tree", "slam.rangefinder", "slam.resampling", "slam.timeline",
+        "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field", "slam.evaluate",
+        "slam.local_map", "slam.motion", "slam.path_tree", "slam.planning", "slam.rangefinder", "slam.resampling", "slam.timeline",
         "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.walls",
     ),
     (
@@ -37,7 +37,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "server.api", "server.cockpit", "server.dashboard", "server.guard", "server.labels", "server.layers", "server.map_files",
         "server.map_picture", "server.map_store", "server.maps", "server.report",
-        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.sessions", "server.rest.state", "server.score", "server.status", "server.stream", "server.survey", "server.views",
+        "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.health", "server.rest.metrics", "server.rest.sessions", "server.rest.state", "server.rest.viser", "server.scene", "server.score", "server.status", "server.stream", "server.survey", "server.views",
     ),
     ("server.bridge", "server.live", "server.recorded", "server.replay", "server.sessions", "server.simulate"),
     ("server.__main__", "server.terminal"),
