@@ -72,6 +72,29 @@ export function polyline(context, points) {
   context.stroke();
 }
 
+/** A disc around [x, y]. */
+export function dot(context, [x, y], radius) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 7);
+  context.fill();
+}
+
+/** A circle around [x, y]. */
+export function ring(context, [x, y], radius) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 7);
+  context.stroke();
+}
+
+/** Upright text at [x, y] in a context scaled to metres, y up; `pixel` is the size of a pixel there. */
+export function write(context, text, [x, y], pixel) {
+  context.save();
+  context.translate(x, y);
+  context.scale(pixel, -pixel);
+  context.fillText(text, 0, 0);
+  context.restore();
+}
+
 /** An arrow from (0, 0) to (x, y) with a filled head of `size`. */
 export function arrow(context, x, y, size) {
   const angle = Math.atan2(y, x);

@@ -52,6 +52,7 @@ export class Connection extends EventTarget {
     this.acknowledgeAfterDrawing();
     if (frame.topic === "notice" && frame.header.kind === "hello") this.viewer = frame.header.viewer;
     if (frame.topic === "notice" && frame.header.kind === "pong") this.roundTrip = performance.now() - frame.header.sent;
+    this.announce("frame", frame);
     this.announce(frame.topic, frame);
   }
 

@@ -22,14 +22,14 @@ export function decodeFrame(buffer) {
   return { sequence, topic: header.topic, header, arrays };
 }
 
-/** Curves as lists of [x, y] in metres, from points in `scale` units around an origin and the curves' lengths. */
-export function unpackCurves(points, lengths, scale, origin) {
+/** Curves as lists of [x, y] in metres, from points in `scale` units and the curves' lengths. */
+export function unpackCurves(points, lengths, scale) {
   const curves = [];
   let index = 0;
   for (const length of lengths.values) {
     const curve = [];
     for (let k = 0; k < length; k++, index++) {
-      curve.push([origin[0] + scale * points.values[2 * index], origin[1] + scale * points.values[2 * index + 1]]);
+      curve.push([scale * points.values[2 * index], scale * points.values[2 * index + 1]]);
     }
     curves.push(curve);
   }

@@ -14,7 +14,7 @@ export class LocalView {
 
   /** Take over a frame of topic `local`. */
   async show(frame) {
-    this.curves = unpackCurves(frame.arrays.points, frame.arrays.lengths, frame.header.scale, [0, 0]);
+    this.curves = unpackCurves(frame.arrays.points, frame.arrays.lengths, frame.header.scale);
     this.occupancy = await inflate(frame.arrays.cells.values);
     this.frame = frame;
     this.drawing.request();

@@ -7,6 +7,7 @@ import { Health } from "./health.js";
 import { HistogramView } from "./histogram.js";
 import { Library } from "./library.js";
 import { LocalView } from "./local.js";
+import { Switches } from "./layers.js";
 import { MapView } from "./map.js";
 import { ProfileView } from "./profile.js";
 import { toast } from "./toast.js";
@@ -20,7 +21,8 @@ const health = new Health($("health"));
 const local = new LocalView($("local"));
 const histogram = new HistogramView($("histogram"));
 const profile = new ProfileView($("profile"));
-const map = new MapView($("map"), proposeGoal);
+const map = new MapView($("map"), connection, proposeGoal);
+const switches = new Switches($("map-layers"), $("map-layers-open"));
 const library = new Library($("library"));
 const page = { status: null, pose: null, driver, connection, map }; // what the browser's console can look at
 globalThis.crunch = page;
@@ -35,12 +37,10 @@ connection.addEventListener("pose", ({ detail }) => {
   driver.seen = detail.header.t;
   if (page.goal && !detail.header.goal) driver.hasGoal = false; // reached, or taken back
   page.goal = detail.header.goal;
-  map.move(detail);
   health.move(detail.header.tilt, dataAge());
 });
 connection.addEventListener("local", ({ detail }) => {
   local.show(detail);
-  map.see(local.curves);
   $("local-figures").textContent = localFigures(detail.header);
 });
 connection.addEventListener("histogram", ({ detail }) => {
@@ -48,8 +48,7 @@ connection.addEventListener("histogram", ({ detail }) => {
   const n = detail.header.valleys.length;
   $("histogram-figures").textContent = n === 1 ? "1 valley" : `${n} valleys`;
 });
-connection.addEventListener("map", ({ detail }) => {
-  map.show(detail);
+connection.addEventListener("path", ({ detail }) => {
   profile.show(detail);
   const n = detail.arrays.path.shape[0];
   const settled = detail.header.fixed_depth;
@@ -89,6 +88,7 @@ function showStatus(status) {
   page.status = status;
   health.show(status);
   const { driver: who, map: figures, robot } = status;
+  switches.offer(robot.layers);
   const isMine = who.viewer !== null && who.viewer === connection.viewer;
   driver.maxTurn = who.max_turn;
   $("limit").max = who.max_speed;
@@ -167,10 +167,6 @@ $("arm").onclick = () => connection.send({ type: "arm", armed: true });
 $("autopilot").onclick = () => connection.send({ type: "autopilot", on: page.status?.driver.autopilot !== true });
 $("map-follow").onclick = () => map.follow(!map.isFollowing);
 $("map").addEventListener("follow", ({ detail }) => $("map-follow").setAttribute("aria-pressed", String(detail)));
-$("map-layers-open").onclick = () => {
-  $("map-layers").hidden = !$("map-layers").hidden;
-  $("map-layers-open").setAttribute("aria-expanded", String(!$("map-layers").hidden));
-};
 $("library-open").onclick = () => library.open();
 $("map-fit").onclick = () => map.fit();
 $("map-in").onclick = () => map.zoom(1.35);

@@ -1,55 +1,73 @@
-// The best map: walls, path, particles and the robot, with pan, zoom and follow; a click proposes a goal.
+// The map panel: pan, zoom and follow, the newest frames, and the layers drawn from them; a click proposes a goal.
 
-import { Drawing, colour, polyline, robotGlyph } from "./canvas.js";
-import { rows, unpackCurves } from "./frame.js";
-import { MapLayer, dot } from "./map_layer.js";
+import { Drawing, colour, polyline } from "./canvas.js";
+import { rows } from "./frame.js";
+import { inOrder, onLayers } from "./layers.js";
+import "./map_layers.js";
+import { Picture } from "./picture.js";
+import { Walls } from "./walls.js";
 
 const MIN_SCALE = 4; // pixels per metre
 const MAX_SCALE = 400;
 const CLICK_SLACK = 6; // pixels that a click may move
 
 export class MapView {
-  constructor(canvas, onPlace) {
+  constructor(canvas, connection, onPlace) {
     this.canvas = canvas;
     this.onPlace = onPlace; // called with [x, y] in the world
     this.scale = 70;
     this.centre = [0, 0];
     this.isFollowing = true;
-    this.pose = null;
-    this.goal = null;
     this.candidate = null;
-    this.here = []; // wall curves seen now, robot frame
-    this.map = null;
-    this.layer = new MapLayer();
+    this.picture = new Picture();
     this.pointers = new Map();
+    this.drawn = 0; // pictures since the page was opened
+    this.clear();
     this.drawing = new Drawing(canvas, (...args) => this.draw(...args));
+    connection.addEventListener("frame", ({ detail }) => this.take(detail));
+    onLayers(() => this.renew());
     this.listen();
   }
 
-  /** Take over a frame of topic `map`. */
-  show({ header, arrays }) {
-    const curves = unpackCurves(arrays.points, arrays.lengths, header.scale, header.origin);
-    const walls = new Path2D();
-    for (const curve of curves) {
-      curve.forEach(([x, y], index) => (index ? walls.lineTo(x, y) : walls.moveTo(x, y)));
+  /** What is to come is of another session or another connection. */
+  clear() {
+    this.frames = {}; // topic -> its newest frame
+    this.map = null; // the best path, [x, y, theta] of each vertex, and how certain it is
+    this.walls = new Walls();
+    this.picture.forget();
+  }
+
+  /** Take over any frame of the stream. */
+  take(frame) {
+    const { topic, header } = frame;
+    if (topic === "notice") {
+      if (header.kind === "hello" || header.kind === "begin") this.clear();
+      return;
     }
-    const path = rows(arrays.path);
-    this.map = { walls, curves, path, particles: arrays.particles, profile: arrays.profile.values };
-    this.layer.forget();
-    this.drawing.request();
+    this.frames[topic] = frame;
+    if (topic === "path") this.map = { path: rows(frame.arrays.path), profile: frame.arrays.profile.values, spread: frame.arrays.spread.values };
+    if (topic.startsWith("tile/")) this.walls.show(frame);
+    if (topic === "pose" && this.isFollowing) this.centre = header.pose.slice(0, 2);
+    const shown = topic.startsWith("tile/") ? "path" : topic;
+    const concerned = inOrder().filter((layer) => layer.isOn && layer.topic === shown);
+    if (concerned.some((layer) => layer.isStill)) this.picture.forget();
+    if (concerned.length) this.drawing.request();
   }
 
-  /** Take over a frame of topic `pose`. */
-  move({ header }) {
-    this.pose = header.pose;
-    this.goal = header.goal;
-    if (this.isFollowing) this.centre = [header.pose[0], header.pose[1]];
-    this.drawing.request();
+  /** The robot's pose in the newest picture. */
+  get pose() {
+    return this.frames.pose?.header.pose ?? null;
   }
 
-  /** Show what the robot sees now; curves in its own frame. */
-  see(curves) {
-    this.here = curves;
+  /** The size of a pixel in metres. */
+  get pixel() {
+    return 1 / this.scale;
+  }
+
+  /** Draw everything anew. */
+  renew() {
+    this.picture.forget();
+    this.drawing.request();
   }
 
   propose(place) {
@@ -66,15 +84,11 @@ export class MapView {
 
   /** Show the whole map. */
   fit() {
-    const points = [...(this.map?.curves.flat() ?? []), ...(this.map?.path ?? []), this.pose ?? [0, 0]];
-    const xs = points.map((point) => point[0]);
-    const ys = points.map((point) => point[1]);
-    const low = [xs.reduce((a, b) => Math.min(a, b)), ys.reduce((a, b) => Math.min(a, b))];
-    const high = [xs.reduce((a, b) => Math.max(a, b)), ys.reduce((a, b) => Math.max(a, b))];
+    const [left, bottom, right, top] = this.walls.bounds(this.map?.path ?? [], this.pose ?? [0, 0]);
     this.follow(false);
-    this.centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+    this.centre = [(left + right) / 2, (bottom + top) / 2];
     const { width, height } = this.drawing;
-    this.scale = clampScale(0.86 * Math.min(width / (high[0] - low[0] + 1), height / (high[1] - low[1] + 1)));
+    this.scale = clampScale(0.86 * Math.min(width / (right - left + 1), height / (top - bottom + 1)));
   }
 
   zoom(factor, x = this.drawing.width / 2, y = this.drawing.height / 2) {
@@ -138,68 +152,21 @@ export class MapView {
   }
 
   draw(context, width, height) {
-    this.layer.paint(context, this, this.map);
+    this.drawn++;
+    const layers = inOrder().filter(({ isOn, topic }) => isOn && (topic === null || this.frames[topic]));
+    this.picture.paint(context, this, layers.filter((layer) => layer.isStill));
     context.save();
     context.translate(width / 2, height / 2);
     context.scale(this.scale, -this.scale);
     context.translate(-this.centre[0], -this.centre[1]);
-    this.drawPresent(context);
-    if (this.goal && this.pose) this.drawGoal(context);
-    if (this.candidate) this.drawCandidate(context);
-    if (this.pose) this.drawRobot(context);
+    for (const layer of layers) if (!layer.isStill) this.drawLayer(context, layer);
     context.restore();
     this.drawScale(context, width, height);
   }
 
-  /** The particles, and the way from the newest vertex to the robot. */
-  drawPresent(context) {
-    if (!this.map) return;
-    const { path, particles } = this.map;
-    const pixel = 1 / this.scale;
-    context.fillStyle = colour("particle");
-    context.globalAlpha = 0.55;
-    for (const pose of rows(particles)) dot(context, pose, 2.1 * pixel);
-    context.globalAlpha = 1;
-    context.strokeStyle = colour("open");
-    context.lineWidth = 2.4 * pixel;
-    if (path.length && this.pose) polyline(context, [path.at(-1), this.pose]);
-  }
-
-  drawGoal(context) {
-    const pixel = 1 / this.scale;
-    context.strokeStyle = context.fillStyle = colour("goal");
-    context.lineWidth = 2 * pixel;
-    context.setLineDash([7 * pixel, 6 * pixel]);
-    polyline(context, [this.pose, this.goal]);
-    context.setLineDash([]);
-    ring(context, this.goal, 10 * pixel);
-    dot(context, this.goal, 4 * pixel);
-  }
-
-  drawCandidate(context) {
-    const pixel = 1 / this.scale;
-    context.strokeStyle = colour("goal");
-    context.lineWidth = 2.5 * pixel;
-    context.setLineDash([4 * pixel, 4 * pixel]);
-    ring(context, this.candidate, 11 * pixel);
-    context.setLineDash([]);
-    const [x, y] = this.candidate;
-    polyline(context, [[x - 5 * pixel, y], [x + 5 * pixel, y]]);
-    polyline(context, [[x, y - 5 * pixel], [x, y + 5 * pixel]]);
-  }
-
-  drawRobot(context) {
+  drawLayer(context, { draw, topic }) {
     context.save();
-    context.translate(this.pose[0], this.pose[1]);
-    context.rotate(this.pose[2]);
-    context.strokeStyle = colour("steering");
-    context.lineWidth = Math.max(2.6 / this.scale, 0.03);
-    context.globalAlpha = 0.75;
-    for (const curve of this.here) polyline(context, curve);
-    context.globalAlpha = 1;
-    const size = Math.max(1, 12 / (0.076 * this.scale));
-    context.scale(size, size);
-    robotGlyph(context, colour("robot"), colour("open"));
+    draw(context, this, this.frames[topic] ?? null);
     context.restore();
   }
 
@@ -218,10 +185,4 @@ export class MapView {
 
 function clampScale(scale) {
   return Math.min(MAX_SCALE, Math.max(MIN_SCALE, scale));
-}
-
-function ring(context, [x, y], radius) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 7);
-  context.stroke();
 }

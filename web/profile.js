@@ -13,7 +13,7 @@ export class ProfileView {
     this.drawing = new Drawing(canvas, (...args) => this.draw(...args));
   }
 
-  /** Take over a frame of topic `map`. */
+  /** Take over a frame of topic `path`. */
   show({ header, arrays }) {
     this.profile = arrays.profile.values;
     this.fixedDepth = header.fixed_depth;

@@ -226,7 +226,7 @@ def test_map_grows_while_the_autopilot_drives(visit: Open, tmp_path):
         page.wait("crunch.map.map?.path.length >= 3")
         before = page.value("crunch.map.map.path.length")
         page.wait(f"crunch.map.map.path.length >= {before + 5}")
-        page.wait("crunch.map.map.curves.length > 5")
+        page.wait("crunch.map.walls.count > 5")
         page.page.click("#map-fit")
         page.page.click("#autopilot")
         page.wait("crunch.status.driver.autopilot === false")
