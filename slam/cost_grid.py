@@ -140,7 +140,7 @@ def cost_grid(
     count_free(path, distances, free, low[0], low[1], resolution, counts[0])
     count_walls((starts - low) / resolution, (ends - low) / resolution, counts[1])
     is_wall = (counts[1] > 0) & (counts[1] >= params.wall_share * counts.sum(axis=0))
-    is_known = counts.any(axis=0)
+    is_known: np.ndarray = counts.sum(axis=0) > 0
     if around is not None:
         overrule(is_wall, is_known, around, low, resolution, params.certain)
     room = distance_field(is_wall, resolution)

@@ -30,7 +30,8 @@ def reach(costs, start):
         for row, column in np.ndindex(*costs.shape):
             for up, across in np.ndindex(3, 3):
                 other = row + up - 1, column + across - 1
-                if 0 <= other[0] < costs.shape[0] and 0 <= other[1] < costs.shape[1]:
+                is_inside = 0 <= other[0] < costs.shape[0] and 0 <= other[1] < costs.shape[1]
+                if is_inside and other != (row, column):
                     step = math.hypot(up - 1, across - 1) * 0.5 * (costs[row, column] + costs[other])
                     found[row, column] = min(found[row, column], found[other] + step)
         if np.array_equal(before, found):

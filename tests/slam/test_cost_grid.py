@@ -83,7 +83,8 @@ def test_nothing_seen_is_a_floor_of_unknown():
     assert np.all(grid.costs == PARAMS.unknown_cost)
     for place in (np.zeros(2), np.array([3.0, 1.0])):
         row, column = grid.cell(place)
-        assert 0 < row < grid.costs.shape[0] and 0 < column < grid.costs.shape[1]
+        assert 0 < row < grid.costs.shape[0]
+        assert 0 < column < grid.costs.shape[1]
         np.testing.assert_allclose(grid.places(np.array([[row, column]]))[0], place, atol=0.5 * grid.resolution + 1e-9)
 
 
