@@ -19,7 +19,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field", "slam.evaluate",
-        "slam.local_map", "slam.motion", "slam.path_tree", "slam.planning", "slam.rangefinder", "slam.resampling", "slam.timeline",
+        "slam.local_map", "slam.map_alignment", "slam.motion", "slam.path_tree", "slam.planning", "slam.rangefinder", "slam.resampling", "slam.timeline",
         "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.walls",
     ),
     (
@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
         "server.recording", "server.transport", "server.words",
     ),
-    ("server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry"),
+    ("server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry", "server.robots.pilot"),
     (
         "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health", "server.pulse",
         "server.session", "server.stops",
