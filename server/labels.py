@@ -18,12 +18,13 @@ from server.messages import Label, Snapshot
 from slam.pose import inverse, transform
 
 MOST = 500  # labels of one map
+PRINTABLE = r"^[^\x00-\x1f\x7f]*[^\x00-\x20\x7f][^\x00-\x1f\x7f]*$"  # one line, and something to see in it
 
 
 class NewPlace(BaseModel):
     """A place to be named."""
 
-    text: str = Field(min_length=1, max_length=80, examples=["Kitchen"])
+    text: str = Field(min_length=1, max_length=80, pattern=PRINTABLE, examples=["Kitchen"])
     x: float = Field(allow_inf_nan=False, examples=[2.4], description="m, in the map's frame")
     y: float = Field(allow_inf_nan=False, examples=[-1.0], description="m, in the map's frame")
 

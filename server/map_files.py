@@ -17,8 +17,9 @@ def map_json(floor: FloorMap, robot: str) -> str:
     """The map for programs, as docs/outputs.md has it: metres to a millimetre, radians to a tenth of a milliradian."""
     path = [[round(float(x), 3), round(float(y), 3), round(float(theta), 4)] for x, y, theta in floor.path]
     walls = [np.round(curve, 3).tolist() for curve in floor.walls]
+    labels = [{"text": label.text, "x": round(label.x, 3), "y": round(label.y, 3)} for label in floor.labels]
     content = {"format": MAP_FORMAT, "robot": robot, "frame": "world", "settled": min(floor.settled, len(path))}
-    return json.dumps({**content, "path": path, "walls": walls}, separators=(",", ":")) + "\n"
+    return json.dumps({**content, "path": path, "walls": walls, "labels": labels}, separators=(",", ":")) + "\n"
 
 
 def profile_csv(times: np.ndarray, path: np.ndarray, profile: np.ndarray, fixed_depth: int) -> str:

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from server.formats.ros_map import UNKNOWN
 from server.maps import FloorMap
+from server.messages import Label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,10 +45,12 @@ def draw_png(floor: FloorMap, title: str, subtitle: str = "") -> bytes:
     axes.set_ylim(low[1], high[1])
     draw_floor(axes, floor)
     draw_path(axes, floor)
+    draw_labels(axes, floor.labels)
     draw_scale_bar(axes, low, high)
     draw_legend(axes, floor)
-    figure.text(0.17 / size[0], 1.0 - 0.16 / size[1], title, color=INK, size=13, weight="bold", va="top")
-    figure.text(0.17 / size[0], 1.0 - 0.42 / size[1], subtitle, color=MUTED, size=9.5, va="top")
+    words = {"va": "top", "parse_math": False}  # names are no formulas
+    figure.text(0.17 / size[0], 1.0 - 0.16 / size[1], title, color=INK, size=13, weight="bold", **words)
+    figure.text(0.17 / size[0], 1.0 - 0.42 / size[1], subtitle, color=MUTED, size=9.5, **words)
     picture = io.BytesIO()
     figure.savefig(picture, format="png", facecolor=PAPER, metadata={"Software": None})
     return picture.getvalue()
@@ -122,6 +126,16 @@ def draw_path(axes: Axes, floor: FloorMap) -> None:
     start, (x, y, theta) = floor.path[0], still_open[-1] if len(still_open) else settled[-1]
     axes.plot(*start[:2], "o", color=START_TINT, ms=8, mec="white", mew=1.2, zorder=5)
     axes.plot(x, y, marker=(3, 0, math.degrees(theta) - 90.0), color=END_TINT, ms=11, mec="white", mew=1.2, zorder=5)
+
+
+def draw_labels(axes: Axes, labels: Sequence[Label]) -> None:
+    """A dot at each named place, and its name above it."""
+    for label in labels:
+        axes.plot(label.x, label.y, "o", color=INK, ms=4, zorder=7)
+        place = {"xy": (label.x, label.y), "xytext": (0, 5), "textcoords": "offset points", "zorder": 8}
+        box = {"boxstyle": "round,pad=0.25", "facecolor": PAPER, "edgecolor": "none", "alpha": 0.8}
+        style = {"ha": "center", "va": "bottom", "color": INK, "size": 9, "weight": "bold", "parse_math": False}
+        axes.annotate(label.text, **place, **style, bbox=box)
 
 
 def draw_scale_bar(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
