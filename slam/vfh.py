@@ -175,8 +175,11 @@ class Vfh:
 
     def speed(self, density_ahead: float, bearing: float) -> float:
         """Forward speed in m/s: less with obstacles straight ahead, less in turns, none beyond a right angle."""
-        room = max(0.0, 1.0 - density_ahead / self.params.stop_density)
-        return self.params.max_speed * room * max(0.0, 1.0 - abs(bearing) / (0.5 * math.pi))
+        return self.params.max_speed * self.room(density_ahead) * max(0.0, 1.0 - abs(bearing) / (0.5 * math.pi))
+
+    def room(self, density: float) -> float:
+        """The share of full speed that an obstacle of this density on the way leaves."""
+        return max(0.0, 1.0 - density / self.params.stop_density)
 
 
 def triangle(reach: int) -> np.ndarray:

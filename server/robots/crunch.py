@@ -1,7 +1,7 @@
 """Crunch: the balancing robot with eight sonars and eight infra-red rangefinders. What it is and what it does.
 
 Logs of other robots are mapped by the same estimator: their odometry comes integrated, their rings of sensors differ.
-Uses its siblings `foldback` and `odometry`.
+Uses its siblings `foldback`, `odometry` and `pilot`.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from server.messages import (
 )
 from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
+from server.robots.pilot import Pilot, Reins
 from slam.local_map import LocalMap, LocalMapParams
 from slam.local_search import LocalSearch, LocalSearchParams
 from slam.params import Params
@@ -44,6 +45,8 @@ from slam.pose import between, compose, transform
 from slam.rangefinder import RingParams, crunch_sensors
 from slam.vfh import Vfh, VfhParams
 from slam.walls import WallParams, Walls, curves, extract
+
+SIGHT = 0.5  # s after which the last sweep is too old to steer by
 
 
 class CrunchParams(Params):
@@ -57,6 +60,7 @@ class CrunchParams(Params):
         default=2, ge=0
     )  # vertices driven on before a vertex's walls are taken, so that both sides were seen
     goal_radius: float = Field(default=0.2, gt=0.0)  # m from the goal that count as there
+    look_ahead: float = Field(default=0.6, gt=0.0)  # m along a planned way to the point that is steered to
     turn_gain: float = Field(default=2.0, gt=0.0)  # rad/s per rad of steering
     max_turn: float = Field(default=1.5, gt=0.0)  # rad/s
     local_map: LocalMapParams = LocalMapParams()
@@ -91,6 +95,7 @@ class Crunch:
         self.local_map = LocalMap(params.local_map, params.sensors, border=params.hindsight * params.vertex_spacing)
         self.tie_breaker = TieBreaker(params.sensors)
         self.vfh = Vfh(params.vfh)
+        self.pilot = Pilot(self.vfh, Reins(params.goal_radius, params.look_ahead, params.turn_gain, params.max_turn))
         self.wheels = WheelOdometry(params.track, params.calibration.wheel_radius)
         self.t = 0.0
         self.odometry = np.zeros(3)
@@ -99,6 +104,7 @@ class Crunch:
         self.distance = 0.0
         self.has_odometry = False
         self.has_seen = False
+        self.looked = -math.inf  # when a sweep came last
         self.vertices: list[np.ndarray] = []
         self.times: list[float] = []  # of the vertices
         self.pending: deque[tuple[float, int, float]] = deque()  # vertices whose walls are still to be taken
@@ -106,9 +112,6 @@ class Crunch:
         self.curves: list[list[np.ndarray]] = []
         self.estimate: Estimate | None = None
         self.best_walls: list[np.ndarray] = []  # the map of the estimate
-        self.goal: Goal | None = None
-        self.steering: float | None = None  # bearing in the robot's frame
-        self.steered: float | None = None  # the same in the odometry frame, which the robot's turning leaves alone
         self.last_ranges: dict[str, np.ndarray] = {}
         self.balance: Balance | None = None
         self.power: Power | None = None
@@ -126,14 +129,16 @@ class Crunch:
             case Estimate():
                 self.estimate = message
                 self.best_walls = self.walls_along(message.path)
+            case Drive(shared=True):
+                self.pilot.follow(message)
+                return self.steer() or [DriveCommand(0.0, 0.0)]
             case Drive():
-                self.aim(None)
+                self.pilot.rest()
                 return [DriveCommand(message.speed, message.turn)]
-            case Goal():
-                self.aim(message if message.place is not None else None)
-                return [] if self.goal else [StopCommand()]
-            case Stop():
-                self.aim(None)
+            case Goal(place=tuple()):
+                self.pilot.aim(message, self.pose())
+            case Goal() | Stop():
+                self.pilot.rest()
                 return [StopCommand()]
             case Arm():
                 return [ArmCommand(message.armed)]
@@ -144,10 +149,6 @@ class Crunch:
             case Status():
                 self.boards[message.board] = message
         return []
-
-    def aim(self, goal: Goal | None) -> None:
-        """Head for another goal, or none; the way to the last one does not count any more."""
-        self.goal, self.steering, self.steered = goal, None, None
 
     def roll(self, wheels: Wheels) -> list[Effect]:
         """Integrate the wheels."""
@@ -192,7 +193,7 @@ class Crunch:
         return [self.observe() for _ in range(len(self.pending))]
 
     def look(self, message: Ranges) -> list[Effect]:
-        """Fuse a sweep where the robot was when it was taken, and steer if there is a goal."""
+        """Fuse a sweep where the robot was when it was taken, and steer if there is something to steer for."""
         before = self.last_ranges.get(message.sensor, message.ranges)
         self.last_ranges[message.sensor] = np.where(np.isnan(message.ranges), before, message.ranges)
         believed = self.tie_breaker.believed(message.sensor, message.ranges)
@@ -204,28 +205,20 @@ class Crunch:
             pose = np.array([x, y, theta])
         self.local_map.move(self.odometry)
         self.local_map.fuse(message.sensor, believed, pose, tilt)
-        self.has_seen = True
-        return self.steer() if self.goal is not None else []
+        self.has_seen, self.looked = True, self.t
+        return self.steer()
 
     def steer(self) -> list[Effect]:
-        """One step towards the goal by the vector field histogram (thesis, 2.2)."""
-        offset = self.goal_offset()
-        if offset is None or self.goal is None:
+        """One step towards the goal, or of what a person wishes; nothing that has not been looked at moves it."""
+        if self.t - self.looked > SIGHT:
             return []
-        if math.hypot(*offset) < self.params.goal_radius:
-            self.aim(None)
-            return [StopCommand()]
-        heading = float(self.odometry[2])
-        last = None if self.steered is None else math.remainder(self.steered - heading, 2.0 * math.pi)
-        densities = self.densities(limit=math.hypot(*offset))
-        steering = self.vfh.steer(densities, math.atan2(offset[1], offset[0]), last)
-        self.steering = steering.bearing
-        self.steered = None if steering.bearing is None else steering.bearing + heading
-        if steering.bearing is None:
-            return [DriveCommand(0.0, 0.0)]
-        limit = self.params.max_turn
-        turn = max(-limit, min(limit, self.params.turn_gain * steering.bearing))
-        return [DriveCommand(min(steering.speed, self.goal.speed) * max(0.0, math.cos(steering.bearing)), turn)]
+        command = self.pilot.steer(self.pose(), float(self.odometry[2]), self.densities)
+        return [] if command is None else [command]
+
+    @property
+    def goal(self) -> Goal | None:
+        """Where it goes to."""
+        return self.pilot.goal
 
     @property
     def stop_reason(self) -> str | None:
@@ -236,13 +229,6 @@ class Crunch:
     def densities(self, limit: float = math.inf) -> np.ndarray:
         """The polar histogram (sectors,) around the robot now, of obstacles nearer than `limit` m."""
         return self.vfh.histogram(self.local_map.grid(), np.array(self.local_map.in_grid(self.odometry)), limit)
-
-    def goal_offset(self) -> np.ndarray | None:
-        """The goal (2,) in the robot's frame."""
-        if self.goal is None or self.goal.place is None:
-            return None
-        x, y = self.goal.place
-        return between(self.pose(), np.array([x, y, 0.0]))[:2]
 
     def pose(self) -> np.ndarray:
         """The best estimate (3,) of where the robot is now, in the world."""
@@ -257,12 +243,12 @@ class Crunch:
         known = len(self.estimate.path) if self.estimate else 0
         densities = self.densities()
         grid = self.local_map.grid()
-        offset = self.goal_offset()
+        pose = self.pose()
         here = extract(self.local_map, self.odometry, self.params.walls) if self.has_seen else None
         return Snapshot(
             t=self.t,
             robot="crunch",
-            pose=self.pose(),
+            pose=pose,
             odometry=self.odometry,
             tilt=self.tilt,
             distance=self.distance,
@@ -276,8 +262,8 @@ class Crunch:
             threshold=self.params.vfh.threshold,
             valleys=self.vfh.valleys(densities),
             goal=self.goal.place if self.goal else None,
-            goal_bearing=math.atan2(offset[1], offset[0]) if offset is not None else None,
-            steering=self.steering if self.goal else None,
+            goal_bearing=self.pilot.objective(pose),
+            steering=self.pilot.bearing,
             path=estimate.path,
             walls=self.best_walls,
             vertex_curves=self.curves[:known],
@@ -295,7 +281,7 @@ class Crunch:
             balance=self.balance,
             power=self.power,
             boards=dict(self.boards),
-            route=np.array(self.goal.route if self.goal else ()).reshape(-1, 2),
+            route=self.pilot.course.rest() if self.pilot.course else np.zeros((0, 2)),
             spread=estimate.spread,
             revisit_spread=estimate.revisit_spread,
             branches=estimate.branches,

@@ -1,0 +1,165 @@
+"""How a robot steers by itself: along a route to a goal, or where a person wishes, bent off obstacles.
+
+Directions come from the vector field histogram (Crunch thesis, 2.2). A route is followed by pure pursuit of a point
+some way ahead on it (Coulter, CMU-RI-TR-92-01, 1992), with the histogram between that point and the wheels. Knows no
+map and no sensor: whoever asks for a command hands in what can be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from server.messages import Drive, DriveCommand, Goal, StopCommand
+from slam.pose import between
+from slam.vfh import Steering, Vfh
+
+See = Callable[[float], np.ndarray]  # the polar histogram (sectors,) now, of obstacles nearer than some metres
+
+
+class Reins(NamedTuple):
+    """What turns a bearing into a command."""
+
+    goal_radius: float  # m from the goal that count as there
+    look_ahead: float  # m along a route to the point that is steered to
+    turn_gain: float  # rad/s per rad of bearing
+    max_turn: float  # rad/s
+
+
+class Course:
+    """A route from where the robot stood to its goal; what has been passed stays behind."""
+
+    def __init__(self, start: np.ndarray, goal: Goal, look_ahead: float):
+        """`start` (2,) in the world."""
+        assert goal.place is not None
+        self.places = np.array([start, *goal.route, goal.place], float)
+        self.look_ahead = look_ahead
+        steps = np.diff(self.places, axis=0)
+        self.lengths = np.hypot(*steps.T)
+        self.marks = np.concatenate([[0.0], np.cumsum(self.lengths)])  # m from the start to each place
+        self.passed = 0.0  # m
+
+    def advance(self, position: np.ndarray) -> None:
+        """Go on to the point of the course that is nearest to a position (2,).
+
+        It is sought a little way on from the last one only, so that a course which comes back near itself is driven
+        in full.
+        """
+        steps = np.diff(self.places, axis=0)
+        along = np.einsum("ij,ij->i", position - self.places[:-1], steps) / np.maximum(self.lengths, 1e-9)
+        candidates = self.marks[:-1] + np.clip(along, 0.0, self.lengths)
+        candidates = np.clip(candidates, self.passed, self.passed + 2.0 * self.look_ahead)
+        self.passed = float(candidates[np.argmin(np.hypot(*(self.at(candidates) - position).T))])
+
+    def ahead(self) -> np.ndarray:
+        """The point (2,) to steer to: `look_ahead` m on; the goal itself where there is no route."""
+        is_direct = len(self.places) == 2
+        return self.places[-1] if is_direct else self.at(np.array([self.passed + self.look_ahead]))[0]
+
+    def at(self, metres: np.ndarray) -> np.ndarray:
+        """The points (n, 2) so many metres (n,) from the start."""
+        return np.stack([np.interp(metres, self.marks, self.places[:, axis]) for axis in (0, 1)], axis=1)
+
+    def rest(self) -> np.ndarray:
+        """The places (r, 2) on the way to the goal that are still to be passed."""
+        return self.places[1:-1][self.marks[1:-1] > self.passed]
+
+
+class Pilot:
+    """Goes to a goal, or does what a person wishes as far as there is room."""
+
+    def __init__(self, vfh: Vfh, reins: Reins):
+        self.vfh = vfh
+        self.reins = reins
+        self.goal: Goal | None = None
+        self.course: Course | None = None
+        self.wish: Drive | None = None
+        self.bearing: float | None = None  # commanded, in the robot's frame
+        self.steered: float | None = None  # the same in the odometry frame, which the robot's turning leaves alone
+
+    def rest(self) -> None:
+        """Nothing is to be reached any more, and nobody wishes anything."""
+        self.goal = self.course = self.wish = None
+        self.bearing = self.steered = None
+
+    def aim(self, goal: Goal, pose: np.ndarray) -> None:
+        """Head for a goal from a pose (3,) in the world; another route to the same goal changes no choice of ways."""
+        is_same = self.goal is not None and self.goal.place == goal.place
+        bearing, steered = (self.bearing, self.steered) if is_same else (None, None)
+        self.rest()
+        self.goal, self.bearing, self.steered = goal, bearing, steered
+        self.course = Course(pose[:2], goal, self.reins.look_ahead)
+
+    def follow(self, wish: Drive) -> None:
+        """Do what a person wishes, until there is another wish."""
+        if self.wish is None:
+            self.rest()
+        self.wish = wish if wish.speed or wish.turn else None
+
+    def objective(self, pose: np.ndarray) -> float | None:
+        """Bearing in the robot's frame to what it heads for; None if it heads for nothing."""
+        if self.wish is not None:
+            return self.wish.turn / self.reins.turn_gain if self.wish.speed > 0.0 else None
+        if self.course is None:
+            return None
+        offset = self.offset(pose)
+        return math.atan2(offset[1], offset[0])
+
+    def offset(self, pose: np.ndarray) -> np.ndarray:
+        """The point to steer to (2,), in the frame of the robot at `pose` (3,) in the world."""
+        assert self.course is not None
+        return between(pose, np.array([*self.course.ahead(), 0.0]))[:2]
+
+    def steer(self, pose: np.ndarray, heading: float, see: See) -> DriveCommand | StopCommand | None:
+        """The next command of the robot at `pose` (3,) in the world with `heading` by odometry; None without a task."""
+        if self.goal is not None:
+            return self.approach(self.goal, pose, heading, see)
+        return None if self.wish is None else self.share(self.wish, heading, see)
+
+    def approach(self, goal: Goal, pose: np.ndarray, heading: float, see: See) -> DriveCommand | StopCommand:
+        """One step towards the goal."""
+        assert goal.place is not None
+        assert self.course is not None
+        if math.hypot(goal.place[0] - pose[0], goal.place[1] - pose[1]) < self.reins.goal_radius:
+            self.rest()
+            return StopCommand()
+        self.course.advance(pose[:2])
+        offset = self.offset(pose)
+        steering = self.choose(see(math.hypot(*offset)), math.atan2(offset[1], offset[0]), heading)
+        if steering.bearing is None:
+            return DriveCommand(0.0, 0.0)
+        speed = min(steering.speed, goal.speed) * max(0.0, math.cos(steering.bearing))
+        return DriveCommand(speed, self.turn(steering.bearing))
+
+    def share(self, wish: Drive, heading: float, see: See) -> DriveCommand:
+        """What a person wishes, bent towards the nearest open way and slowed by what stands ahead.
+
+        The wished turn rate stands for the bearing at which it would come about by itself, so that nothing is changed
+        where there is room. Ways more than a right angle off are not what was meant: there the robot waits.
+        """
+        densities = see(math.inf)
+        if wish.speed <= 0.0:
+            self.bearing = self.steered = None
+            return DriveCommand(wish.speed * self.vfh.room(densities[len(densities) // 2]), wish.turn)
+        wanted = wish.turn / self.reins.turn_gain
+        bearing = self.choose(densities, wanted, heading).bearing
+        if bearing is None or abs(math.remainder(bearing - wanted, 2.0 * math.pi)) > 0.5 * math.pi:
+            self.bearing = self.steered = None
+            return DriveCommand(0.0, wish.turn)
+        room = self.vfh.room(densities[0]) * max(0.0, math.cos(bearing - wanted))
+        return DriveCommand(wish.speed * room, self.turn(bearing))
+
+    def choose(self, densities: np.ndarray, wanted: float, heading: float) -> Steering:
+        """The way nearest to a wanted bearing, and among ways as good the one that was begun."""
+        last = None if self.steered is None else math.remainder(self.steered - heading, 2.0 * math.pi)
+        steering = self.vfh.steer(densities, wanted, last)
+        self.bearing = steering.bearing
+        self.steered = None if steering.bearing is None else steering.bearing + heading
+        return steering
+
+    def turn(self, bearing: float) -> float:
+        """Turn rate towards a bearing, rad/s."""
+        return max(-self.reins.max_turn, min(self.reins.max_turn, self.reins.turn_gain * bearing))
