@@ -72,5 +72,8 @@ def recording_check(recording: str | None) -> Check:
     """Whether there is room for what is recorded, if anything is."""
     if recording is None:
         return Check(name="recording", ok=True, detail="off")
-    free = shutil.disk_usage(Path(recording).parent).free / 1e9
+    try:
+        free = shutil.disk_usage(Path(recording).parent).free / 1e9
+    except OSError as error:
+        return Check(name="recording", ok=False, detail=f"{recording}: {error.strerror}")
     return Check(name="recording", ok=free > SCARCE, detail=f"{recording}, {free:.1f} GB free")

@@ -30,7 +30,7 @@ def state_routes(cockpit: Cockpit) -> APIRouter:
         """Battery, tilt, link, filter, driver and map at a glance."""
         return cockpit.status()
 
-    @router.get("/config", tags=["state"])
+    @router.get("/config", tags=["state"], responses={200: CONFIG_EXAMPLE})
     async def config() -> dict[str, Any]:
         """The settings that the session runs with, defaults included."""
         return cockpit.configuration()
@@ -65,8 +65,19 @@ def state_routes(cockpit: Cockpit) -> APIRouter:
     return router
 
 
+CONFIG_EXAMPLE: dict[str, Any] = {
+    "content": {"application/json": {"example": {"preset": "default", "control": {"lease": 0.3, "max_speed": 0.5}}}}
+}
 SCHEMA_EXAMPLE: dict[str, Any] = {
-    "content": {"application/json": {"example": {"title": "Config", "type": "object", "properties": {}}}}
+    "content": {
+        "application/json": {
+            "example": {
+                "title": "Config",
+                "type": "object",
+                "properties": {"preset": {"enum": ["default", "thesis"], "default": "default", "type": "string"}},
+            }
+        }
+    }
 }
 MAP_JSON_EXAMPLE: dict[str, Any] = {
     "content": {
