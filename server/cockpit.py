@@ -22,6 +22,16 @@ class Cockpit(Protocol):
     hub: Hub
     labels: Labels
 
+    @property
+    def t(self) -> float:
+        """The session's present, seconds since its start."""
+        ...
+
+    @property
+    def speed(self) -> float:
+        """How many of those pass in a second of the people who watch."""
+        ...
+
     def snapshot(self) -> Snapshot:
         """What there is to see now."""
         ...

@@ -68,11 +68,13 @@ class Layers:
         shown = [name for name, layer in self.layers.items() if name in self.hub.newest or layer.look(snapshot)]
         return ["pose", *shown, "tile"]
 
+    def begin(self) -> None:
+        """Another session begins: nothing of what was shown holds any more."""
+        self.hub.begin()
+        self.tiles = Tiles(self.hub)
+
     def show(self, snapshot: Snapshot) -> None:
         """Publish what has changed; called 20 times a second."""
-        if self.tiles.is_of_another_session(snapshot):
-            self.hub.begin()
-            self.tiles = Tiles(self.hub)
         for name, layer in self.layers.items():
             if self.turn % layer.every == 0:
                 view = layer.look(snapshot)
@@ -93,13 +95,7 @@ class Tiles:
 
     def __init__(self, hub: Hub):
         self.hub = hub
-        self.first: list[np.ndarray] | None = None  # of the session's walls: another one is another session's
         self.shown = 0  # vertices
-
-    def is_of_another_session(self, snapshot: Snapshot) -> bool:
-        """Whether the snapshot's walls do not go on from those that were shown."""
-        curves = snapshot.vertex_curves
-        return self.shown > len(curves) or (self.first is not None and curves[0] is not self.first)
 
     def show(self, snapshot: Snapshot) -> None:
         """Publish the tiles that changed."""
@@ -108,7 +104,6 @@ class Tiles:
             if max(self.shown, TILE * tile) < min(len(curves), TILE * (tile + 1)):
                 self.hub.publish(f"tile/{tile}", *tile_view(TILE * tile, curves[TILE * tile : TILE * (tile + 1)]))
         self.shown = len(curves)
-        self.first = curves[0] if curves else None
 
 
 def tile_view(first: int, vertices: list[list[np.ndarray]]) -> View:

@@ -70,6 +70,11 @@ class Link(Protocol):
         """Why the line was last lost or not found; empty while it is open."""
         ...
 
+    @property
+    def speed(self) -> float:
+        """Seconds of `now` in a second of the people who watch; only a virtual robot's may differ from 1."""
+        ...
+
     async def run(self, receive: Receive) -> None:
         """Calls receive(bytes, arrival) until cancelled; arrivals are seconds of `now`."""
         ...
@@ -89,6 +94,8 @@ class Link(Protocol):
 
 class StreamLink:
     """A link over asyncio's streams, opened by `connect`, again and again."""
+
+    speed = 1.0
 
     def __init__(self, spec: str, connect: Callable[[], Awaitable[Streams]], backoff: Backoff) -> None:
         self.spec = spec

@@ -197,15 +197,17 @@ def local_view(snapshot: Snapshot) -> View | None:
 def path_view(snapshot: Snapshot) -> View:
     """The best path with how certain each vertex is, and the particles; the walls seen from it come as tiles.
 
-    `profile` and `spread` (m) have a number for each vertex; `spread` is empty where an estimator has none.
+    `profile` and `spread` (m) have a number for each vertex; `spread` is empty where an estimator has none. Before the
+    first vertex all are empty.
     """
+    n_vertices = len(snapshot.vertex_curves)  # a path without them is only where the robot stands
     return View(
         {"fixed_depth": int(snapshot.fixed_depth), "n_particles": int(snapshot.n_particles)},
         {
-            "path": np.asarray(snapshot.path, np.float32).reshape(-1, 3),
-            "profile": np.asarray(snapshot.profile, np.float32),
-            "spread": np.asarray(snapshot.spread, np.float32),
-            "particles": np.asarray(snapshot.particles, np.float32).reshape(-1, 3),
+            "path": np.asarray(snapshot.path, np.float32).reshape(-1, 3)[:n_vertices],
+            "profile": np.asarray(snapshot.profile, np.float32)[:n_vertices],
+            "spread": np.asarray(snapshot.spread, np.float32)[:n_vertices],
+            "particles": np.asarray(snapshot.particles, np.float32).reshape(-1, 3)[: None if n_vertices else 0],
         },
     )
 

@@ -1,13 +1,22 @@
-// The line to the server: connects again by itself, acknowledges what was shown, and measures the way there and back.
+// The line to the server: connects again by itself, acknowledges what was shown, and knows how old the picture is.
 
+import { Clock } from "./clock.js";
 import { decodeFrame } from "./frame.js";
 
+const STREAM = "/api/v1/stream";
+const STALE = 1; // s: an older picture is greyed
+const LOCKED = 1.5; // s: nobody drives by an older one
 const FIRST_RETRY = 300; // ms
 const LAST_RETRY = 4000;
 
 export class Connection extends EventTarget {
-  constructor() {
+  /** A stream other than the live one has no present: its picture is never too old. */
+  constructor(path = STREAM) {
     super();
+    this.path = path;
+    this.isLive = path === STREAM;
+    this.clock = new Clock();
+    this.taken = null; // session time at which the newest reading was taken
     this.viewer = null; // the name that the server gave this page
     this.roundTrip = null; // ms
     this.heard = -Infinity; // performance.now() of the newest frame
@@ -15,7 +24,7 @@ export class Connection extends EventTarget {
     this.newest = 0;
     this.isAckDue = false;
     this.open();
-    setInterval(() => this.send({ type: "ping", sent: performance.now() }), 1000);
+    setInterval(() => this.ping(), 1000);
   }
 
   get isOpen() {
@@ -27,9 +36,25 @@ export class Connection extends EventTarget {
     return performance.now() - this.heard;
   }
 
+  /** Seconds since what the picture shows was read by the robot; Infinity where that is not known. */
+  get age() {
+    if (!this.isLive) return 0;
+    if (this.taken === null) return Infinity;
+    return Math.max(0, this.clock.since(this.taken) ?? Infinity);
+  }
+
+  get isStale() {
+    return !this.isOpen || this.age > STALE;
+  }
+
+  /** Whether the picture is too old to drive by. */
+  get isLocked() {
+    return !this.isOpen || this.age > LOCKED;
+  }
+
   open() {
     const scheme = location.protocol === "https:" ? "wss://" : "ws://";
-    const socket = new WebSocket(`${scheme}${location.host}/api/v1/stream`);
+    const socket = new WebSocket(`${scheme}${location.host}${this.path}`);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.retry = FIRST_RETRY;
@@ -50,10 +75,27 @@ export class Connection extends EventTarget {
     this.heard = performance.now();
     this.newest = frame.sequence;
     this.acknowledgeAfterDrawing();
-    if (frame.topic === "notice" && frame.header.kind === "hello") this.viewer = frame.header.viewer;
-    if (frame.topic === "notice" && frame.header.kind === "pong") this.roundTrip = performance.now() - frame.header.sent;
+    if (frame.topic === "notice") this.hearNotice(frame.header);
+    if (frame.topic === "pose") this.taken = frame.header.t - frame.header.age;
     this.announce("frame", frame);
     this.announce(frame.topic, frame);
+  }
+
+  hearNotice(header) {
+    if (header.kind === "hello") this.viewer = header.viewer;
+    if (header.kind === "hello" || header.kind === "begin") {
+      this.clock.clear();
+      this.taken = null;
+      this.ping();
+    }
+    if (header.kind === "pong") {
+      this.roundTrip = this.heard - header.sent;
+      this.clock.hear(header, this.heard);
+    }
+  }
+
+  ping() {
+    this.send({ type: "ping", sent: performance.now() });
   }
 
   acknowledgeAfterDrawing() {

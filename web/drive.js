@@ -2,7 +2,6 @@
 // once on every way out of holding it; the server stops the robot by itself when this page falls silent.
 
 const REPEAT = 80; // ms between two words of the driver
-const STALE = 1000; // ms without a picture, after which nobody drives by it
 const KEYS = {
   KeyW: [1, 0], ArrowUp: [1, 0], KeyS: [-1, 0], ArrowDown: [-1, 0],
   KeyA: [0, 1], ArrowLeft: [0, 1], KeyD: [0, -1], ArrowRight: [0, -1],
@@ -31,7 +30,7 @@ export class Driver {
   }
 
   get isLocked() {
-    return !this.connection.isOpen || this.connection.silence > STALE;
+    return this.connection.isLocked;
   }
 
   /** Stand still, whoever drives. */

@@ -13,7 +13,6 @@ import { ProfileView } from "./profile.js";
 import { toast } from "./toast.js";
 
 const $ = (id) => document.getElementById(id);
-const STALE = 1000; // ms
 
 const connection = new Connection();
 const driver = new Driver(connection, $("stick"));
@@ -37,7 +36,7 @@ connection.addEventListener("pose", ({ detail }) => {
   driver.seen = detail.header.t;
   if (page.goal && !detail.header.goal) driver.hasGoal = false; // reached, or taken back
   page.goal = detail.header.goal;
-  health.move(detail.header.tilt, dataAge());
+  health.move(detail.header.tilt, connection.age);
 });
 connection.addEventListener("local", ({ detail }) => {
   local.show(detail);
@@ -60,26 +59,17 @@ function localFigures({ beams, resolution }) {
   return `${Object.keys(beams).join(" and ").replace("infrared", "infra-red")}, ${Math.round(100 * resolution)} cm cells`;
 }
 
-/** Seconds since the newest reading was taken. */
-function dataAge() {
-  return page.pose ? page.pose.age + Math.max(0, connection.silence) / 1000 : Infinity;
-}
-
-function isStale() {
-  return connection.silence > STALE || (page.pose?.age ?? 0) > STALE / 1000;
-}
-
 function showConnection() {
-  const { isOpen } = connection;
+  const { isOpen, isStale } = connection;
   const [state, text] = !isOpen ? ["bad", "offline, trying again"]
-    : isStale() ? ["waiting", "no fresh data"]
+    : isStale ? ["waiting", "no fresh data"]
     : ["good", connection.roundTrip === null ? "live" : `live, ${connection.roundTrip.toFixed(0)} ms`];
   const pill = $("connection");
   pill.dataset.state = state;
   if (pill.textContent !== text) pill.textContent = text;
-  document.body.classList.toggle("stale", !isOpen || isStale());
+  document.body.classList.toggle("stale", isStale);
   document.body.classList.toggle("locked", driver.isLocked);
-  if (page.pose && isStale()) health.move(page.pose.tilt, dataAge());
+  if (page.pose) health.move(page.pose.tilt, connection.age);
   showBanner();
 }
 setInterval(showConnection, 250);
@@ -132,7 +122,7 @@ function bannerText() {
   }
   if (!status.link.connected) return ["bad", "The robot's link is not connected."];
   if (status.robot.state === "fallen") return ["bad", "The robot has fallen. Stand it up, then press Arm."];
-  if (isStale()) return ["warn", "No fresh data: driving is locked until it comes back."];
+  if (connection.isLocked) return ["warn", "No fresh data: driving is locked until it comes back."];
   if (status.filter.state === "failed") return ["bad", `The path filter was given up (${status.filter.reason}). Driving and recording go on.`];
   return ["", ""];
 }

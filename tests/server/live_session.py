@@ -19,6 +19,8 @@ PARAMS = CrunchParams(filter=PathFilterParams(particles=100))
 class HandLink:
     """A link whose time passes only when the test says so."""
 
+    speed = 1.0
+
     def __init__(self, robot: VirtualCrunch):
         self.robot = robot
         self.time = 100.0

@@ -117,12 +117,15 @@ def test_map_grows_and_is_published_when_it_changes():
     status = session.bridge.status()
     assert status.map.vertices >= 2
     assert status.map.vertices == len(session.bridge.look().path)
-    maps = [(header, arrays) for topic, header, arrays in sent if topic == "map"]
-    sizes = [len(arrays["path"]) for _, arrays in maps]
-    assert sizes == sorted(sizes)
-    assert len(maps) <= status.map.vertices + 1, "only when it changed"
-    assert maps[-1][1]["lengths"].sum() == len(maps[-1][1]["points"]) > 0
-    assert {"pose", "histogram", "local", "map", "status"} <= {topic for topic, _, _ in sent}
+    paths = [len(arrays["path"]) for topic, _, arrays in sent if topic == "path"]
+    assert paths == sorted(paths)
+    assert len(paths) <= status.map.vertices + 1, "only when it changed"
+    tiles = [arrays for topic, _, arrays in sent if topic == "tile/0"]
+    assert [len(tile["counts"]) for tile in tiles] == list(range(1, status.map.vertices + 1))
+    assert tiles[-1]["counts"].sum() == len(tiles[-1]["lengths"]) > 0
+    assert tiles[-1]["lengths"].sum() == len(tiles[-1]["points"])
+    assert {"pose", "histogram", "local", "path", "tile/0", "status"} <= {topic for topic, _, _ in sent}
+    assert set(status.robot.layers) >= {"pose", "histogram", "local", "path", "tile"}
 
 
 def test_status_tells_why_a_line_is_dead():
