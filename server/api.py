@@ -144,7 +144,7 @@ async def listen(socket: WebSocket, viewer: Viewer, cockpit: Cockpit) -> None:
             case AckWord():
                 viewer.acknowledge(word.seq)
             case PingWord():
-                viewer.put("notice", encode("notice", {"kind": "pong", "sent": word.sent}))
+                viewer.put("notice", encode("notice", pong(word, cockpit)))
             case _:
                 obey(viewer, word, cockpit)
 
@@ -157,6 +157,11 @@ def understand(text: str | None) -> Any:
         return WORDS.validate_json(text)
     except ValidationError:
         return None
+
+
+def pong(word: PingWord, cockpit: Cockpit) -> dict[str, Any]:
+    """The answer to a ping: with the session's time, so that the viewer knows how old a picture is."""
+    return {"kind": "pong", "sent": word.sent, "t": round(cockpit.t, 4), "speed": cockpit.speed}
 
 
 def obey(viewer: Viewer, word: CommandWord, cockpit: Cockpit) -> None:

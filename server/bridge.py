@@ -104,6 +104,11 @@ class Bridge:
         """The session's present."""
         return self.clock() - self.start
 
+    @property
+    def speed(self) -> float:
+        """Session's seconds in a second of the people who watch."""
+        return next(iter(self.links.values())).speed
+
     # From one session to the next.
 
     def begin(
@@ -118,6 +123,7 @@ class Bridge:
         """A new session on the same links: time starts at zero, and nobody drives yet."""
         self.robot, self.session, self.estimator, self.recorder = robot, session, estimator, recorder
         self.settings, self.about = configuration, about
+        self.layers.begin()
         self.labels = Labels(self.note_label)
         self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
         self.steered = -STEERING_PERIOD
