@@ -18,6 +18,7 @@ from server.messages import Label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PAPER, INK, MUTED = "#fbfbf9", "#1f2733", "#6b7480"
 FREE_TINT, WALL_TINT = "#e9eff4", "#26303d"
@@ -28,10 +29,40 @@ NEUTRAL_TINT = "#6f8094"  # on light and on dark paper alike
 
 def draw_png(floor: FloorMap, title: str, subtitle: str = "") -> bytes:
     """The map as a picture: walls dark, the path blue where it is settled and orange where particles still differ."""
+    low, high = picture_bounds(floor)
+    figure, axes = framed(low, high, title, subtitle)
+    draw_floor(axes, floor)
+    draw_path(axes, floor)
+    draw_labels(axes, floor.labels)
+    draw_scale_bar(axes, low, high)
+    draw_legend(axes, floor)
+    return rendered(figure)
+
+
+def draw_pair(first: FloorMap, second: FloorMap, names: tuple[str, str], subtitle: str) -> bytes:
+    """Two maps of one frame: walls of the first blue, those of the second orange, so that both show where they meet."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
+
+    bounds = [picture_bounds(floor) for floor in (first, second)]
+    low, high = np.minimum(bounds[0][0], bounds[1][0]), np.maximum(bounds[0][1], bounds[1][1])
+    figure, axes = framed(low, high, f"{names[0]} and {names[1]}", subtitle)
+    for floor, tint, width in ((first, SETTLED_TINT, 3.2), (second, OPEN_TINT, 1.3)):
+        axes.add_collection(LineCollection(floor.walls, colors=tint, linewidths=width, alpha=0.65), autolim=False)
+    draw_scale_bar(axes, low, high)
+    marks = [Line2D([], [], color=SETTLED_TINT, lw=3.2), Line2D([], [], color=OPEN_TINT, lw=1.3)]
+    look = {"loc": "lower right", "facecolor": PAPER, "edgecolor": "none", "labelcolor": INK, "fontsize": 8.5}
+    legend = axes.legend(marks, names, **look)
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+    return rendered(figure)
+
+
+def framed(low: np.ndarray, high: np.ndarray, title: str, subtitle: str) -> tuple[Figure, Axes]:
+    """A page that shows the world from `low` (2,) to `high` (2,) below a title."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    low, high = picture_bounds(floor)
     width, height = high - low
     inches = 11.0 / max(width, height)
     header = 0.62
@@ -43,14 +74,14 @@ def draw_png(floor: FloorMap, title: str, subtitle: str = "") -> bytes:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
-    draw_floor(axes, floor)
-    draw_path(axes, floor)
-    draw_labels(axes, floor.labels)
-    draw_scale_bar(axes, low, high)
-    draw_legend(axes, floor)
     words = {"va": "top", "parse_math": False}  # names are no formulas
     figure.text(0.17 / size[0], 1.0 - 0.16 / size[1], title, color=INK, size=13, weight="bold", **words)
     figure.text(0.17 / size[0], 1.0 - 0.42 / size[1], subtitle, color=MUTED, size=9.5, **words)
+    return figure, axes
+
+
+def rendered(figure: Figure) -> bytes:
+    """A page as PNG; the same page gives the same bytes."""
     picture = io.BytesIO()
     figure.savefig(picture, format="png", facecolor=PAPER, metadata={"Software": None})
     return picture.getvalue()

@@ -114,7 +114,7 @@ def proposals(first: Wall, second: Wall) -> list[np.ndarray]:
         scores = np.fft.irfft2(np.conj(np.fft.rfft2(stamp) * transformed), s=(n, n))
         row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
         shift = np.array([row - n if row > n // 2 else row, column - n if column > n // 2 else column])
-        pose = compose([*(low + shift * cell - corner), turn], [*-middle, 0.0])
+        pose = compose(np.array([*(low + shift * cell - corner), turn]), np.array([*-middle, 0.0]))
         found.append((float(scores[row, column]), pose))
     chosen: list[np.ndarray] = []
     for _, pose in sorted(found, key=lambda proposal: -proposal[0]):
@@ -154,7 +154,7 @@ def refine(first: Wall, second: Wall, pose: np.ndarray) -> np.ndarray:
 def newton_step(
     points: np.ndarray, partners: np.ndarray, normals: np.ndarray, trust: np.ndarray, pose: np.ndarray
 ) -> np.ndarray:
-    """The motion (3,) of points (n, 2) that brings them nearest to their partners; turns are about where `pose` stands."""
+    """The motion (3,) of points (n, 2) that brings them nearest to their partners; it turns about `pose`'s place."""
     arms = points - pose[:2]
     apart = partners - points
     rows, right = [], []
@@ -163,9 +163,9 @@ def newton_step(
         share = np.sqrt(weight * trust)
         rows.append(np.column_stack([directions, lever]) * share[:, None])
         right.append(np.sum(directions * apart, axis=1) * share)
-    x, y, turn = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+    motion = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
     about = np.array([pose[0], pose[1], 0.0])
-    return compose(compose(about, [x, y, turn]), inverse(about))
+    return compose(compose(about, motion), inverse(about))
 
 
 def nearest(points: np.ndarray, others: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:

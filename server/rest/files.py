@@ -1,0 +1,84 @@
+"""Files that are made when they are asked for: off the event loop, one at a time, and not again while nothing changed.
+
+Uses its siblings `map_exports` (the formats' names and types) and `map_store` (its errors).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from fastapi import HTTPException, Request, Response
+
+from server.map_exports import FORMATS
+from server.map_store import Conflict, NoSuchMap, StoreError
+
+KEPT = 8  # files
+
+T = TypeVar("T")
+
+
+async def asked(call: Callable[..., T], *arguments: object) -> T:
+    """What a call returns, made off the loop; the errors of saved maps as answers."""
+    try:
+        return await asyncio.to_thread(call, *arguments)
+    except NoSuchMap as error:
+        raise HTTPException(404, str(error)) from None
+    except (Conflict, ValueError) as error:
+        raise HTTPException(409, str(error)) from None
+    except StoreError as error:
+        raise HTTPException(503, str(error)) from None
+
+
+class Press:
+    """Makes files in a thread and keeps the newest few."""
+
+    def __init__(self) -> None:
+        self.lock = asyncio.Lock()
+        self.made: OrderedDict[str, bytes] = OrderedDict()
+
+    async def answer(
+        self, request: Request, tag: str, name: str, media_type: str, make: Callable[[], bytes]
+    ) -> Response:
+        """The file that `make` makes, or 304 where the client has it; `tag` changes when the file does."""
+        headers = {
+            "ETag": f'"{tag}"', "Cache-Control": "no-cache", "Content-Disposition": f'inline; filename="{name}"'
+        }  # fmt: skip
+        if request.headers.get("if-none-match") == headers["ETag"]:
+            return Response(status_code=304, headers=headers)
+        async with self.lock:
+            if tag not in self.made:
+                self.made[tag] = await asked(make)
+            self.made.move_to_end(tag)
+            while len(self.made) > KEPT:
+                self.made.popitem(last=False)
+            return Response(self.made[tag], media_type=media_type, headers=headers)
+
+
+def documented(name: str) -> dict[int | str, dict[str, Any]]:
+    """How a route that answers a format is documented."""
+    media_type = FORMATS[name].media_type.partition(";")[0]
+    content: dict[str, Any] = {media_type: {"example": EXAMPLES[name]} if name in EXAMPLES else {}}
+    return {
+        200: {"description": FORMATS[name].description.capitalize(), "content": content},
+        304: {"description": "The client has it already, as its `If-None-Match` says"},
+    }
+
+
+EXAMPLES: dict[str, Any] = {
+    "json": {
+        "format": "crunch-map-1",
+        "robot": "crunch",
+        "frame": "world",
+        "settled": 1,
+        "path": [[0.0, 0.0, 0.0], [0.5, 0.01, 0.03]],
+        "walls": [[[0.4, 0.9], [0.45, 0.9], [0.5, 0.91]]],
+        "labels": [{"text": "Kitchen", "x": 2.4, "y": -1.0}],
+    },
+    "yaml": "image: map.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.500000, -2.000000, 0.000000]\n",
+    "g2o": "VERTEX_SE2 0 0.000000 0.000000 0.000000000\nFIX 0\n",
+    "tum": "0.500000 0.000000 0.000000 0 0 0 0.000000000 1.000000000\n",
+    "csv": "vertex,time,distance,nodes_per_particle,settled\n0,0.500000,0.000,0.010000,1\n",
+}
