@@ -8,7 +8,8 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from server.api import MAX_NONSENSE, MAX_VIEWERS, create_app
+from server.api import MAX_VIEWERS, create_app
+from server.conversation import MAX_NONSENSE
 from server.guard import is_loopback
 from server.stream import decode
 from server.views import Status
