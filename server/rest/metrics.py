@@ -66,7 +66,7 @@ class StatusCollector(Collector):
             if value is not None:
                 yield GaugeMetricFamily(f"crunch_{name}", text, float(value))
         for name, text, value in counters_of(status):
-            yield CounterMetricFamily(f"crunch_{name}", text, float(value))
+            yield CounterMetricFamily(f"crunch_{name}", text, value)
         states = {state: state == status.filter.state for state in FILTER_STATES}
         yield StateSetMetricFamily("crunch_filter_state", "What the path filter's process does.", states)
         checks = GaugeMetricFamily("crunch_check", "1 while a check of /health holds.", labels=["name"])
