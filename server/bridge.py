@@ -13,12 +13,15 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
+from server.adviser import Adviser
 from server.control import Control, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
+from server.guidance import route_view, suggestions_view
 from server.labels import Labels
 from server.layers import Layers
 from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, Snapshot, Stop
+from server.navigator import Navigator, NavigatorParams
 from server.pulse import Pulse
 from server.recording import Recorder
 from server.session import Session
@@ -76,6 +79,7 @@ class Bridge:
         links: Mapping[str, Link],
         control: Control,
         configuration: dict[str, Any],
+        navigation: NavigatorParams = NavigatorParams(),
     ):
         self.robot = robot
         self.session = session
@@ -84,7 +88,11 @@ class Bridge:
         self.settings = configuration
         self.hub = Hub()
         self.layers = Layers(self.hub)
-        self.dashboard = Dashboard()
+        self.navigator = Navigator(navigation)
+        self.adviser = Adviser(navigation.suggestions, navigation.cost)
+        self.layers.add("route", lambda snapshot: route_view(snapshot, self.navigator.standing))
+        self.layers.add("suggestions", lambda snapshot: suggestions_view(self.adviser.suggestions), every=10)
+        self.dashboard = Dashboard(self.propose)
         self.pulse = Pulse()
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None
@@ -124,6 +132,8 @@ class Bridge:
         self.robot, self.session, self.estimator, self.recorder = robot, session, estimator, recorder
         self.settings, self.about = configuration, about
         self.layers.begin()
+        self.navigator.begin()
+        self.adviser.begin()
         self.labels = Labels(self.note_label)
         self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
         self.steered = -STEERING_PERIOD
@@ -180,6 +190,9 @@ class Bridge:
         before, t = self.control.standing(), self.t
         self.control.stops.watch(t, self.robot.stop_reason, any(link.is_connected for link in self.links.values()))
         self.tell(self.control.tick(t), t)
+        self.tell(self.navigator.tick(t, self.control, self.look), t)
+        if self.hub.viewers:
+            self.adviser.tick(t, self.snapshot)
         if before != self.control.standing():
             self.publish_status()
 
@@ -229,7 +242,7 @@ class Bridge:
         self.published += 1
         if self.control.autopilot and self.virtual is not None and self.virtual.finished:
             self.control.autopilot = False
-        if not self.hub.viewers and self.dashboard.server is None:
+        if not self.hub.viewers and not self.dashboard.is_watched:
             return
         snapshot = self.look()
         if self.control.goal is not None and snapshot.goal is None:
@@ -240,6 +253,10 @@ class Bridge:
         if self.published % STATUS_EVERY == 0:
             self.publish_status()
         self.dashboard.update(snapshot)
+
+    def propose(self, x: float, y: float) -> None:
+        """Show all viewers a place where somebody would have the robot go; whoever drives may send it there."""
+        self.hub.notify({"kind": "proposal", "x": round(x, 3), "y": round(y, 3)})
 
     def publish_status(self) -> None:
         """Show the status, out of turn when somebody's word changed it."""

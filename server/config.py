@@ -2,7 +2,7 @@
 
 From strongest to weakest: flags, the environment (`CRUNCH_CRUNCH__FILTER__PARTICLES=500`), the `--config` file, the
 recording's header, defaults. A preset stands where it is named, below the keys of that same place. Defaults live in the
-parameter classes only. Uses its siblings `estimator` and `control`.
+parameter classes only. Uses its siblings `estimator`, `control` and `navigator`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from pydantic_settings import (
 from server.control import ControlParams
 from server.errors import UserError
 from server.estimator import EstimatorParams
+from server.navigator import NavigatorParams
 from server.robots.crunch import Crunch, CrunchParams
 from slam.params import Params
 
@@ -72,6 +73,7 @@ class Config(BaseSettings):
     crunch: CrunchParams = CrunchParams()
     estimator: EstimatorParams = EstimatorParams()
     control: ControlParams = ControlParams()
+    navigator: NavigatorParams = NavigatorParams()
     web: WebParams = WebParams()
 
     @classmethod

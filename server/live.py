@@ -32,6 +32,7 @@ from server.config import Config
 from server.control import Control
 from server.errors import UserError
 from server.guard import is_loopback
+from server.navigator import warm_up as warm_up_planning
 from server.replay import warm_up
 from server.rest.sessions import session_routes
 from server.robots.crunch import Crunch
@@ -126,7 +127,7 @@ class Live:
         robot = Crunch(params)
         self.options = options
         self.links = links
-        self.bridge = Bridge(robot, Session(robot, params.calibration), links, control, {})
+        self.bridge = Bridge(robot, Session(robot, params.calibration), links, control, {}, options.config.navigator)
         self.bridge.virtual = virtual
         self.sessions = Sessions(self.bridge, options.config, options.seed, options.threads, options.recordings)
         self.token = None if is_loopback(options.host) else secrets.token_urlsafe(16)
@@ -270,5 +271,6 @@ def warm_kernels(options: LiveOptions) -> None:
     print("Preparing (the first start compiles for about a minute) ...", file=sys.stderr, flush=True)
     started = time.perf_counter()
     warm_up(options.config.crunch, 1)
+    warm_up_planning(options.config.navigator)
     Crunch(options.config.crunch).snapshot()
     log.info("kernels were ready after %.1f s", time.perf_counter() - started)

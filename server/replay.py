@@ -173,6 +173,7 @@ def warm_up(params: CrunchParams, threads: int) -> None:
                 if isinstance(effect, Keyframe):
                     path_filter.extend(effect.pose, effect.walls, effect.travelled)
     path_filter.estimate()
+    path_filter.uncertainty(1)
 
 
 def replay(path: Path, out: Path, options: Options, progress: Progress | None = None, log: Log | None = None) -> Report:

@@ -7,6 +7,7 @@ leave the grid's eight directions wherever the straight line costs no more than 
 from __future__ import annotations
 
 import heapq
+import itertools
 import math
 from typing import NamedTuple
 
@@ -172,25 +173,9 @@ def trace_back(before: np.ndarray, cell: int) -> np.ndarray:
     return np.array(cells[::-1])
 
 
-def way_left(place: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, float]:
-    """What is still ahead of a robot at `place` (2,) on a way (n, 2): the places to come, and m to the end.
-
-    The robot is where the way comes nearest to it, later rather than sooner.
-    """
-    if len(places) == 1:
-        return places, math.dist(place, places[0])
-    starts, sides = places[:-1], np.diff(places, axis=0)
-    along = np.sum((place - starts) * sides, axis=1) / np.maximum(np.sum(sides**2, axis=1), 1e-12)
-    apart = np.hypot(*(starts + np.clip(along, 0.0, 1.0)[:, None] * sides - place).T)
-    piece = len(apart) - 1 - int(np.argmin(apart[::-1]))
-    ahead = places[piece + 1 :]
-    return ahead, float(np.hypot(*np.diff(np.vstack([place, ahead]), axis=0).T).sum())
-
-
 def way_cost(grid: CostGrid, place: np.ndarray, places: np.ndarray) -> float:
     """Cost of going from a place (2,) straight to each of `places` (n, 2) in turn; inf where a wall is in the way."""
     points = (np.vstack([place, places]) - np.array([grid.x, grid.y])) / grid.resolution
     if np.any(points < 0.0) or np.any(points >= grid.costs.shape[::-1]):
         return math.inf
-    pieces = zip(points[:-1], points[1:], strict=True)
-    return grid.resolution * sum(line_cost(grid.costs, *a, *b) for a, b in pieces)
+    return grid.resolution * sum(line_cost(grid.costs, *a, *b) for a, b in itertools.pairwise(points))

@@ -31,11 +31,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry", "server.robots.pilot"),
     (
-        "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health", "server.pulse",
+        "server.adviser", "server.config", "server.control", "server.estimator", "server.filter_worker", "server.health", "server.navigator", "server.pulse",
         "server.session", "server.stops",
     ),
     (
-        "server.api", "server.cockpit", "server.comparison", "server.dashboard", "server.guard", "server.labels",
+        "server.api", "server.cockpit", "server.comparison", "server.dashboard", "server.guard", "server.guidance", "server.labels",
         "server.layers", "server.map_exports", "server.map_files",
         "server.map_picture", "server.map_store", "server.maps", "server.report",
         "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.files", "server.rest.health",

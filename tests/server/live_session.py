@@ -49,10 +49,14 @@ class HandLink:
 class HandSession:
     """The whole of a live session but asyncio."""
 
-    def __init__(self, autopilot: bool | None = None, width: float = 6.0, height: float = 4.0):
+    def __init__(
+        self, autopilot: bool | None = None, width: float = 6.0, height: float = 4.0, walls: np.ndarray | None = None
+    ):
+        """A robot in the middle of a hall, with further walls (n, 4) in it."""
         x, y = width / 2.0, height / 2.0
         corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-        world = World(np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1), np.zeros(3))
+        hall = np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1)
+        world = World(hall if walls is None else np.vstack([hall, walls]), np.zeros(3))
         self.virtual = VirtualCrunch(world, seed=1, drift="low")
         self.link = HandLink(self.virtual)
         robot = Crunch(PARAMS)

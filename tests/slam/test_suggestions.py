@@ -1,4 +1,4 @@
-"""What is suggested is what a lap teaches: go back to where you began, by the short way; nothing where all is certain."""
+"""What is suggested is to go back to where it began, by the short way, and nothing where all is certain."""
 
 from __future__ import annotations
 
