@@ -147,7 +147,13 @@ class Hub:
         self.newest.clear()
         for viewer in self.viewers.values():
             viewer.waiting.clear()
-            viewer.put("notice", encode("notice", {"kind": "begin"}))
+        self.notify({"kind": "begin"})
+
+    def notify(self, fields: Mapping[str, Any]) -> None:
+        """A notice to everyone who is here now."""
+        body = encode("notice", fields)
+        for viewer in self.viewers.values():
+            viewer.put("notice", body)
 
     def join(self, viewer: Viewer) -> None:
         """Add a viewer and show it the present state."""
