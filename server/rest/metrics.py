@@ -29,7 +29,8 @@ EXAMPLE: dict[str, Any] = {
     "content": {"text/plain": {"example": "# TYPE crunch_battery_volts gauge\ncrunch_battery_volts 28.1\n"}}
 }
 
-Figure = tuple[str, str, float | None]  # name, explanation, value
+Gauge = tuple[str, str, float | None]  # name, explanation, value
+Counter = tuple[str, str, float]
 
 
 def metrics_routes(cockpit: Cockpit) -> APIRouter:
@@ -75,9 +76,10 @@ class StatusCollector(Collector):
         yield checks
 
 
-def gauges_of(status: Status) -> list[Figure]:
+def gauges_of(status: Status) -> list[Gauge]:
     """What goes up and down."""
-    robot, link, floor, worker, driver = status.robot, status.link, status.map, status.filter, status.driver
+    robot, link, floor, worker = status.robot, status.link, status.map, status.filter
+    driver, loop = status.driver, status.loop
     return [
         ("battery_volts", "Voltage of the battery.", robot.battery_volts),
         ("battery_amperes", "Current out of the battery.", robot.battery_amperes),
@@ -93,19 +95,15 @@ def gauges_of(status: Status) -> list[Figure]:
         ("filter_effective_particles", "Particles that carry weight.", worker.effective_particles),
         ("filter_waiting_vertices", "Vertices not yet in the estimate.", worker.waiting),
         ("filter_load_ratio", "Share of time that the filter computes.", worker.load),
-        (
-            "loop_late_p50_seconds",
-            "How late the event loop is, median of the last 20 s.",
-            1e-3 * status.loop.late_p50_ms,
-        ),
-        ("loop_late_p99_seconds", "The same, 99th percentile.", 1e-3 * status.loop.late_p99_ms),
+        ("loop_late_p50_seconds", "How late the event loop is, median of the last 20 s.", 1e-3 * loop.late_p50_ms),
+        ("loop_late_p99_seconds", "The same, 99th percentile.", 1e-3 * loop.late_p99_ms),
         ("viewers", "Open pages and streams.", driver.viewers),
         ("driver_leased", "1 while somebody drives.", driver.leased),
         ("stopped", "1 while a stop holds.", driver.stopped_by is not None),
     ]
 
 
-def counters_of(status: Status) -> list[Figure]:
+def counters_of(status: Status) -> list[Counter]:
     """What only grows during a session; Prometheus puts `_total` behind the names."""
     frames = status.link.counters
     return [
