@@ -14,6 +14,7 @@ import numpy as np
 
 from server.messages import Snapshot
 from server.stream import Hub
+from slam.thinning import needed
 
 CENTIMETRE = 0.01
 FURTHEST = 32767
@@ -58,6 +59,7 @@ class Layers:
         self.layers = dict(LAYERS)
         self.tiles = Tiles(hub)
         self.turn = 0
+        self.missing: set[str] = set()  # layers that the robot has not
 
     def add(self, name: str, look: Look, every: int = 2) -> None:
         """A further layer of this session only; `look` may know more than the snapshot."""
@@ -65,8 +67,9 @@ class Layers:
 
     def names(self, snapshot: Snapshot) -> list[str]:
         """The topics that this robot has."""
-        shown = [name for name, layer in self.layers.items() if name in self.hub.newest or layer.look(snapshot)]
-        return ["pose", *shown, "tile"]
+        if self.turn == 0:
+            self.missing = {name for name, layer in self.layers.items() if layer.look(snapshot) is None}
+        return ["pose", *(name for name in self.layers if name not in self.missing), "tile"]
 
     def begin(self) -> None:
         """Another session begins: nothing of what was shown holds any more."""
@@ -79,8 +82,10 @@ class Layers:
             if self.turn % layer.every == 0:
                 view = layer.look(snapshot)
                 if view is None:
+                    self.missing.add(name)
                     self.hub.forget(name)
                 else:
+                    self.missing.discard(name)
                     self.hub.publish(name, *view)
         self.tiles.show(snapshot)
         self.turn += 1
@@ -107,8 +112,8 @@ class Tiles:
 
 
 def tile_view(first: int, vertices: list[list[np.ndarray]]) -> View:
-    """Walls of the vertices from `first` on; `counts` (v,) is how many curves each vertex has."""
-    kept = [[curve for curve in curves if len(curve) > 1] for curves in vertices]
+    """Walls of the vertices from `first` on, to the centimetre; `counts` (v,) is how many curves each vertex has."""
+    kept = [[curve[needed(curve, CENTIMETRE)] for curve in curves if len(curve) > 1] for curves in vertices]
     counts = np.array([len(curves) for curves in kept], np.uint16)
     packed = pack_curves([curve for curves in kept for curve in curves])
     return View({"first": first, "scale": CENTIMETRE}, {**packed, "counts": counts})

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import uvicorn
 from fastapi import APIRouter
 
@@ -32,6 +33,7 @@ from server.config import Config
 from server.control import Control
 from server.errors import UserError
 from server.guard import is_loopback
+from server.layers import tile_view
 from server.navigator import warm_up as warm_up_planning
 from server.replay import warm_up
 from server.rest.sessions import session_routes
@@ -273,4 +275,5 @@ def warm_kernels(options: LiveOptions) -> None:
     warm_up(options.config.crunch, 1)
     warm_up_planning(options.config.navigator)
     Crunch(options.config.crunch).snapshot()
+    tile_view(0, [[np.zeros((3, 2))]])
     log.info("kernels were ready after %.1f s", time.perf_counter() - started)

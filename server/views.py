@@ -174,7 +174,7 @@ def local_view(snapshot: Snapshot) -> View | None:
         return None
     cells = probabilities(snapshot.local_map)
     beams: dict[str, dict[str, float]] = {}
-    arrays: dict[str, np.ndarray] = {"cells": np.frombuffer(zlib.compress(cells.tobytes(), 1), np.uint8)}
+    arrays: dict[str, np.ndarray] = {"cells": np.frombuffer(zlib.compress(cells.tobytes(), 6), np.uint8)}
     for sensor, beam in snapshot.beams.items():
         beams[sensor] = {"half_angle": float(beam["half_angle"]), "max_range": float(beam["max_range"])}
         for name in ("bearings", "offsets", "ranges"):
@@ -213,9 +213,9 @@ def path_view(snapshot: Snapshot) -> View:
 
 
 def probabilities(log_odds: np.ndarray) -> np.ndarray:
-    """Log odds as occupancy of 0 (free) to 255 in 16 steps on either side of 128, which is unknown."""
+    """Log odds as occupancy of 0 (free) to 255 in 5 steps on either side of 128, which is unknown."""
     certainty = np.tanh(0.5 * log_odds)
-    return (128.0 + np.round(16.0 * certainty) * (127.0 / 16.0)).astype(np.uint8)
+    return (128.0 + np.round(5.0 * certainty) * (127.0 / 5.0)).astype(np.uint8)
 
 
 def path_length(path: np.ndarray) -> float:

@@ -20,7 +20,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field", "slam.evaluate",
         "slam.local_map", "slam.map_alignment", "slam.motion", "slam.path_tree", "slam.planning", "slam.rangefinder", "slam.resampling", "slam.suggestions", "slam.timeline",
-        "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.walls",
+        "slam.thinning", "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.walls",
     ),
     (
         "slam.local_search", "slam.path_filter", "server", "server.channels", "server.clock", "server.errors",
