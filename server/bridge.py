@@ -138,7 +138,8 @@ class Bridge:
         self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
         self.steered = -STEERING_PERIOD
         self.newest, self.newest_at = None, -1.0
-        self.control = Control(self.control.params, None if self.control.autopilot is None else False)
+        drives_itself = self.virtual is not None and self.virtual.autopilot  # at the very start, if asked for
+        self.control = Control(self.control.params, None if self.control.autopilot is None else drives_itself)
         self.sync_autopilot()
         self.publish_status()
 
