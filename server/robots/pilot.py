@@ -17,6 +17,8 @@ from server.messages import Drive, DriveCommand, Goal, StopCommand
 from slam.pose import between
 from slam.vfh import Steering, Vfh
 
+FURTHEST_DETOUR = math.radians(40.0)  # from what a person wishes to the nearest open way
+STRAIGHT = math.radians(2.0)  # off the wish that is no bend
 See = Callable[[float], np.ndarray]  # the polar histogram (sectors,) now, of obstacles nearer than some metres
 
 
@@ -79,11 +81,12 @@ class Pilot:
         self.wish: Drive | None = None
         self.bearing: float | None = None  # commanded, in the robot's frame
         self.steered: float | None = None  # the same in the odometry frame, which the robot's turning leaves alone
+        self.meant: float | None = None  # where a person wished to go, in that frame, while the robot is bent off it
 
     def rest(self) -> None:
         """Nothing is to be reached any more, and nobody wishes anything."""
         self.goal = self.course = self.wish = None
-        self.bearing = self.steered = None
+        self.bearing = self.steered = self.meant = None
 
     def aim(self, goal: Goal, pose: np.ndarray) -> None:
         """Head for a goal from a pose (3,) in the world; another route to the same goal changes no choice of ways."""
@@ -138,19 +141,25 @@ class Pilot:
         """What a person wishes, bent towards the nearest open way and slowed by what stands ahead.
 
         The wished turn rate stands for the bearing at which it would come about by itself, so that nothing is changed
-        where there is room. Ways more than a right angle off are not what was meant: there the robot waits.
+        where there is room. Who wishes straight on means the direction from before the robot was bent off it, and is
+        led back to it. Where no way near enough is open, it goes on as wished, as slowly as what is ahead demands.
         """
         densities = see(math.inf)
         if wish.speed <= 0.0:
-            self.bearing = self.steered = None
+            self.bearing = self.steered = self.meant = None
             return DriveCommand(wish.speed * self.vfh.room(densities[len(densities) // 2]), wish.turn)
-        wanted = wish.turn / self.reins.turn_gain
-        bearing = self.choose(densities, wanted, heading).bearing
-        if bearing is None or abs(math.remainder(bearing - wanted, 2.0 * math.pi)) > 0.5 * math.pi:
-            self.bearing = self.steered = None
-            return DriveCommand(0.0, wish.turn)
-        room = self.vfh.room(densities[0]) * max(0.0, math.cos(bearing - wanted))
-        return DriveCommand(wish.speed * room, self.turn(bearing))
+        lead = wish.turn / self.reins.turn_gain
+        meant = self.meant if wish.turn == 0.0 else None
+        wanted = lead if meant is None else math.remainder(meant - heading, 2.0 * math.pi)
+        bearing, _, valley = self.choose(densities, wanted, heading)
+        if bearing is None or valley is None or detour(valley, wanted) > FURTHEST_DETOUR:
+            bearing = self.bearing = wanted
+            self.steered = None
+        is_bent = abs(bearing - lead) > STRAIGHT
+        self.meant = heading + wanted if is_bent else None
+        speed = min(wish.speed, self.vfh.params.max_speed) if is_bent else wish.speed
+        room = self.vfh.room(densities[0]) * max(0.0, math.cos(bearing - lead))
+        return DriveCommand(speed * room, self.turn(bearing))
 
     def choose(self, densities: np.ndarray, wanted: float, heading: float) -> Steering:
         """The way nearest to a wanted bearing, and among ways as good the one that was begun."""
@@ -163,3 +172,10 @@ class Pilot:
     def turn(self, bearing: float) -> float:
         """Turn rate towards a bearing, rad/s."""
         return max(-self.reins.max_turn, min(self.reins.max_turn, self.reins.turn_gain * bearing))
+
+
+def detour(valley: tuple[float, float], bearing: float) -> float:
+    """By how much a valley misses a bearing, rad; 0 if it holds it."""
+    start, end = valley
+    into = (bearing - start) % (2.0 * math.pi)
+    return 0.0 if into <= end - start else min(2.0 * math.pi - into, into - (end - start))

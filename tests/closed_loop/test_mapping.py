@@ -9,14 +9,13 @@ import pytest
 
 from firmware.virtual import Drift, Radio, VirtualCrunch, World, corridor_cycle, corridor_plan
 from server import config
-from server.messages import DriveCommand, Estimate, Goal, Keyframe, StopCommand
+from server.messages import Goal
 from server.recorded import open_log
 from server.replay import run_log
-from server.robots.crunch import Crunch, make_estimator
-from server.session import Session
 from server.simulate import record
 from slam.evaluate import absolute_error, revisits
 from slam.timeline import associate
+from tests.closed_loop.loop import Loop
 
 LENGTH = 24.0  # m of the cycle
 ROOM = np.array([[0, 0, 6, 0], [6, 0, 6, 4], [6, 4, 0, 4], [0, 4, 0, 0], [3, 0, 3, 2.4]], float)  # a wall in the way
@@ -52,40 +51,13 @@ def test_a_bad_radio_costs_frames_and_not_the_map(tmp_path):
     assert revisits(mapped, true, min_path=10.0).is_closed
 
 
-class Loop:
-    """Virtual robot, session and fold in a circle, 20 ms at a time, without a clock or a task."""
-
-    def __init__(self, robot: VirtualCrunch):
-        params = config.load({"crunch": {"filter": {"particles": 200}}}).crunch
-        self.robot, self.fold = robot, Crunch(params)
-        self.session = Session(self.fold, params.calibration)
-        self.path_filter = make_estimator(params)
-        self.nearest_wall = math.inf
-
-    def run(self, seconds: float) -> bool:
-        """Go on until the goal is reached; whether it was."""
-        for _ in range(round(seconds / 0.02)):
-            effects = self.session.receive("radio", self.robot.advance(0.02), self.robot.time)
-            for effect in effects:
-                if isinstance(effect, DriveCommand | StopCommand):
-                    self.robot.write(self.session.encode(effect))
-                elif isinstance(effect, Keyframe):
-                    self.path_filter.extend(effect.pose, effect.walls, effect.travelled)
-                    self.fold.step(Estimate(effect.t, *self.path_filter.estimate()))
-            room = float(self.robot.world.clearances(self.robot.pose[None, :2], 1.0)[0])
-            self.nearest_wall = min(self.nearest_wall, room)
-            if self.fold.goal is None:
-                return True
-        return False
-
-
 @pytest.mark.parametrize("goal", [(1.0, 0.0), (2.6, 2.4)])
 def test_goals_are_reached_without_touching_a_wall(goal):
     start = (1.2, 1.2, 0.0)
     loop = Loop(VirtualCrunch(World(ROOM, start, "room"), seed=5, drift="low"))
     loop.run(1.0)
-    loop.session.command(Goal(loop.robot.time, goal), loop.robot.time)
-    assert loop.run(60.0), f"stands at {loop.robot.pose}"
+    loop.say(Goal(loop.robot.time, goal))
+    assert loop.reach(60.0), f"stands at {loop.robot.pose}"
     reached = loop.robot.pose[:2] - start[:2]
     assert math.hypot(*(reached - goal)) < 0.4
     assert loop.nearest_wall > 0.076
