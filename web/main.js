@@ -1,18 +1,22 @@
 // The page: joins the connection, the drawings and the controls.
 
-import { forgetColours } from "./canvas.js";
 import { Connection } from "./connection.js";
 import { Driver } from "./drive.js";
 import { Health } from "./health.js";
+import { Help } from "./help.js";
 import { HistogramView } from "./histogram.js";
 import { Library } from "./library.js";
 import { LocalView } from "./local.js";
 import { Switches } from "./layers.js";
 import { MapView } from "./map.js";
 import { ProfileView } from "./profile.js";
+import { RouteState } from "./route.js";
+import { Suggestions } from "./suggestions.js";
+import { offerThemes } from "./theme.js";
 import { toast } from "./toast.js";
 
 const $ = (id) => document.getElementById(id);
+const TURN = 250; // ms between two looks at how fresh the picture is
 
 const connection = new Connection();
 const driver = new Driver(connection, $("stick"));
@@ -22,7 +26,11 @@ const histogram = new HistogramView($("histogram"));
 const profile = new ProfileView($("profile"));
 const map = new MapView($("map"), connection, proposeGoal);
 const switches = new Switches($("map-layers"), $("map-layers-open"));
+new RouteState($("map").parentElement, connection);
+new Suggestions($("suggestions"), connection, proposeGoal);
 const library = new Library($("library"));
+const help = new Help($("hint"), $("help"));
+offerThemes($("theme"));
 const page = { status: null, pose: null, driver, connection, map }; // what the browser's console can look at
 globalThis.crunch = page;
 
@@ -40,10 +48,12 @@ connection.addEventListener("pose", ({ detail }) => {
 });
 connection.addEventListener("local", ({ detail }) => {
   local.show(detail);
+  delete $("local").parentElement.dataset.empty;
   $("local-figures").textContent = localFigures(detail.header);
 });
 connection.addEventListener("histogram", ({ detail }) => {
   histogram.show(detail);
+  delete $("histogram").parentElement.dataset.empty;
   const n = detail.header.valleys.length;
   $("histogram-figures").textContent = n === 1 ? "1 valley" : `${n} valleys`;
 });
@@ -72,13 +82,17 @@ function showConnection() {
   if (page.pose) health.move(page.pose.tilt, connection.age);
   showBanner();
 }
-setInterval(showConnection, 250);
+setInterval(() => {
+  showConnection();
+  if (driver.source || driver.hasGoal) help.seeDriving(TURN);
+}, TURN);
 
 function showStatus(status) {
   page.status = status;
-  health.show(status);
+  health.show(status, connection);
   const { driver: who, map: figures, robot } = status;
   switches.offer(robot.layers);
+  showPanels(robot.layers);
   const isMine = who.viewer !== null && who.viewer === connection.viewer;
   driver.maxTurn = who.max_turn;
   $("limit").max = who.max_speed;
@@ -94,6 +108,11 @@ function showStatus(status) {
   $("health-figures").textContent = robot.name + (robot.virtual ? ", virtual" : "");
   document.title = `${robot.name[0].toUpperCase()}${robot.name.slice(1)} · ${figures.vertices} vertices`;
   showBanner();
+}
+
+/** Panels of topics that this robot has not are left out. */
+function showPanels(topics) {
+  for (const panel of document.querySelectorAll("[data-topic]")) panel.hidden = !topics.includes(panel.dataset.topic);
 }
 
 function driveText(who, isMine) {
@@ -162,6 +181,15 @@ $("map-fit").onclick = () => map.fit();
 $("map-in").onclick = () => map.zoom(1.35);
 $("map-out").onclick = () => map.zoom(1 / 1.35);
 
+$("menu-open").onclick = () => openMenu(!$("menu").classList.contains("open"));
+document.addEventListener("click", ({ target }) => !$("menu-open").contains(target) && openMenu(false));
+
+/** On narrow screens the header's links are behind one button. */
+function openMenu(isOpen) {
+  $("menu").classList.toggle("open", isOpen);
+  $("menu-open").setAttribute("aria-expanded", String(isOpen));
+}
+
 // What floats below the header knows how high it is.
 new ResizeObserver(([{ target }]) => {
   document.documentElement.style.setProperty("--top", `${target.offsetHeight}px`);
@@ -178,24 +206,6 @@ setLimit(Number($("limit").value));
 $("limit").oninput = (event) => {
   setLimit(Number(event.target.value));
   localStorage.setItem("limit", event.target.value);
-};
-
-function setTheme(theme) {
-  document.documentElement.style.colorScheme = theme;
-  forgetColours();
-}
-if (localStorage.getItem("theme")) setTheme(localStorage.getItem("theme"));
-$("theme").onclick = () => {
-  const now = document.documentElement.style.colorScheme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-  const theme = now === "dark" ? "light" : "dark";
-  localStorage.setItem("theme", theme);
-  setTheme(theme);
-};
-
-$("hint").hidden = localStorage.getItem("welcomed") === "yes";
-$("hint-close").onclick = () => {
-  localStorage.setItem("welcomed", "yes");
-  $("hint").hidden = true;
 };
 
 function refuse(reason) {

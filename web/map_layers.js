@@ -82,13 +82,10 @@ function drawNow(context, { pose, pixel }, { header, arrays }) {
   for (const curve of unpackCurves(arrays.points, arrays.lengths, header.scale)) polyline(context, curve);
 }
 
-function drawGoal(context, { pixel }, { header: { pose, goal } }) {
+function drawGoal(context, { pixel }, { header: { goal } }) {
   if (!goal) return;
   context.strokeStyle = context.fillStyle = colour("goal");
   context.lineWidth = 2 * pixel;
-  context.setLineDash([7 * pixel, 6 * pixel]);
-  polyline(context, [pose, goal]);
-  context.setLineDash([]);
   ring(context, goal, 10 * pixel);
   dot(context, goal, 4 * pixel);
 }
