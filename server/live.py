@@ -2,8 +2,8 @@
 
 The links, the path filter's worker, the passing of time, the recording's syncs and the web server are its members. When
 one ends, however it ends, the motors are stopped while the links are still open, and all the others end too. Uses its
-siblings `bridge` (what runs), `sessions` (from one to the next), `replay` (warming the kernels up) and `simulate`
-(which plan a world has).
+siblings `bridge` (what runs), `sessions` (from one to the next), `render_queue` (recordings for viewers), `replay`
+(warming the kernels up) and `simulate` (which plan a world has).
 """
 
 from __future__ import annotations
@@ -34,19 +34,28 @@ from server.control import Control
 from server.errors import UserError
 from server.guard import is_loopback
 from server.layers import tile_view
+from server.map_store import DATABASE, MapStore, keep_session
+from server.messages import Snapshot
 from server.navigator import warm_up as warm_up_planning
+from server.render_queue import RenderQueue
 from server.replay import warm_up
+from server.rest.maps import map_routes
+from server.rest.present import present_survey
+from server.rest.recordings import recording_routes
 from server.rest.sessions import session_routes
 from server.robots.crunch import Crunch
 from server.session import Session
 from server.sessions import Sessions
+from server.shelf import Shelf
 from server.transport import Link, VirtualLink, open_link
+from server.views import SessionStatus
 
 log = logging.getLogger(__name__)
 
 TICK_PERIOD = 0.02  # s
 FRAME_PERIOD = 0.05  # s
 SYNC_PERIOD = 1.0  # s
+RECORDINGS = Path("recordings")
 LONGEST_GOODBYE = 2  # s that viewers are given to close
 
 
@@ -59,7 +68,7 @@ class LiveOptions:
     port: int = 8000
     seed: int = 0
     threads: int = 1
-    recordings: Path | None = Path("recordings")
+    recordings: Path | None = RECORDINGS
     name: str = ""  # of the first session
     opens_browser: bool = False
 
@@ -132,6 +141,11 @@ class Live:
         self.bridge = Bridge(robot, Session(robot, params.calibration), links, control, {}, options.config.navigator)
         self.bridge.virtual = virtual
         self.sessions = Sessions(self.bridge, options.config, options.seed, options.threads, options.recordings)
+        self.maps = MapStore((options.recordings or RECORDINGS) / DATABASE)
+        if options.recordings is not None:  # who wants no recordings wants nothing kept unasked
+            self.sessions.keep_map = self.keep_map
+        self.shelf = Shelf(options.recordings or RECORDINGS, self.recording)
+        self.renderer = RenderQueue(self.shelf.folder)
         self.token = None if is_loopback(options.host) else secrets.token_urlsafe(16)
         self.server: uvicorn.Server | None = None
 
@@ -151,10 +165,24 @@ class Live:
             log.info("the session has ended")
         finally:
             self.bridge.dashboard.stop()
+            self.renderer.close()
 
     def routers(self) -> list[APIRouter]:
         """The routes to what is kept beside the session."""
-        return [session_routes(self.sessions)]
+        return [
+            session_routes(self.sessions),
+            map_routes(self.bridge, self.maps),
+            recording_routes(self.shelf, self.renderer, self.maps),
+        ]
+
+    def recording(self) -> str | None:
+        """The name of the recording that is being written."""
+        return self.bridge.about.recording if self.bridge.about.running else None
+
+    def keep_map(self, snapshot: Snapshot, about: SessionStatus) -> str | None:
+        """The map of a session that ends is kept without anybody's asking, if there is one."""
+        survey = present_survey(self.bridge, snapshot)
+        return str(keep_session(self.maps, survey, about, snapshot.labels).id) if len(survey.path) else None
 
     def leave(self) -> None:
         """Stop the robot, then let everything end in order."""

@@ -1,7 +1,7 @@
 """Saved maps in an SQLite file: what was saved stays, and a killed process loses nothing that `save` returned.
 
 Deleting a map only marks it. All methods may be called from any thread and wait for the disk: call them off the event
-loop. Uses its siblings `labels`, `map_picture`, `maps` and `survey`.
+loop. Uses its siblings `labels`, `map_picture`, `maps`, `survey` and `views`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from server.map_picture import draw_thumbnail, wall_box
 from server.maps import path_length
 from server.messages import Label
 from server.survey import Survey, floor_of, in_frame, labels_from_frame, labels_in_frame, pack, unpack, wall_skew
+from server.views import SessionStatus
 
 DATABASE = "crunch.db"
 SCHEMA_VERSION = 1
@@ -252,6 +253,14 @@ class MapStore:
             if self.connection is not None:
                 self.connection.close()
                 self.connection = None
+
+
+def keep_session(
+    store: MapStore, survey: Survey, about: SessionStatus, labels: Sequence[Label], name: str = "", note: str = ""
+) -> StoredMap:
+    """Save the map of a session, under the session's name where no other is given."""
+    name = name.strip() or about.name or f"{survey.robot.capitalize()}, {about.began.astimezone():%Y-%m-%d %H:%M}"
+    return store.save(survey, name, note=note, session=about.name, recording=about.recording or "", labels=labels)
 
 
 def stored(number: int, facts: str, is_deleted: int) -> StoredMap:

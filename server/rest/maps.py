@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from server.cockpit import PREFIX, Cockpit
 from server.comparison import Comparison, compare, comparison_png
 from server.map_exports import FORMATS, Sheet, stem_of
-from server.map_store import Change, MapStore, StoredMap
+from server.map_store import Change, MapStore, StoredMap, keep_session
 from server.rest.answers import refusal
 from server.rest.files import Press, asked, documented
 from server.rest.present import present_survey
@@ -69,16 +69,8 @@ def add_keeping(router: APIRouter, cockpit: Cockpit, store: MapStore) -> None:
     )
     async def save(new: NewMap) -> StoredMap:
         """Keep the present map with its labels. It is on the disk when this is answered; the session goes on."""
-        about, survey = cockpit.status().session, present_survey(cockpit)
-        labels = cockpit.snapshot().labels
-
-        def keep() -> StoredMap:
-            name = new.name.strip() or about.name or f"{survey.robot.capitalize()} {about.began:%Y-%m-%d %H:%M}"
-            return store.save(
-                survey, name, note=new.note, session=about.name, recording=about.recording or "", labels=labels
-            )
-
-        return await asked(keep)
+        about, survey, labels = cockpit.status().session, present_survey(cockpit), cockpit.snapshot().labels
+        return await asked(keep_session, store, survey, about, labels, new.name, new.note)
 
     @router.get("/{number}", summary="A saved map", responses={**NOT_THERE, **NO_DISK})
     async def info(number: Number) -> StoredMap:

@@ -93,10 +93,10 @@ def add_labels(router: APIRouter, cockpit: Cockpit) -> None:
             raise HTTPException(404, f"there is no label {label}") from None
 
 
-def present_survey(cockpit: Cockpit) -> Survey:
-    """What the robot has found out so far."""
+def present_survey(cockpit: Cockpit, snapshot: Snapshot | None = None) -> Survey:
+    """What the robot has found out so far, or had at a snapshot."""
     motion = MotionParams.model_validate(cockpit.configuration()["crunch"]["filter"]["motion"])
-    return survey_of(cockpit.snapshot(), motion)
+    return survey_of(snapshot or cockpit.snapshot(), motion)
 
 
 def tag_of(snapshot: Snapshot) -> str:
