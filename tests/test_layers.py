@@ -35,13 +35,14 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.session", "server.stops",
     ),
     (
+        "server.conversation", "server.player", "server.replay_cache", "server.rest.recordings", "server.shelf",
         "server.api", "server.cockpit", "server.comparison", "server.dashboard", "server.guard", "server.guidance", "server.labels",
         "server.layers", "server.map_exports", "server.map_files",
         "server.map_picture", "server.map_store", "server.maps", "server.report",
         "server.rest", "server.rest.answers", "server.rest.commands", "server.rest.files", "server.rest.health",
         "server.rest.maps", "server.rest.metrics", "server.rest.present", "server.rest.sessions", "server.rest.state", "server.rest.viser", "server.scene", "server.score", "server.status", "server.stream", "server.survey", "server.views",
     ),
-    ("server.bridge", "server.live", "server.recorded", "server.replay", "server.sessions", "server.simulate"),
+    ("server.bridge", "server.live", "server.recorded", "server.render", "server.render_queue", "server.replay", "server.sessions", "server.simulate"),
     ("server.__main__", "server.terminal"),
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
@@ -121,7 +122,7 @@ def test_the_virtual_robot_knows_only_its_own():
 
 def test_asyncio_stays_at_the_edge():
     edge = {"server.conversation", "server.bridge", "server.dashboard", "server.estimator", "server.live", "server.player",
-            "server.sessions", "server.stream", "server.transport"}  # fmt: skip
+            "server.render_queue", "server.sessions", "server.stream", "server.transport"}  # fmt: skip
     users = {name_of(path) for path in LAYERED for _, module in imports_of(path) if module.split(".")[0] == "asyncio"}
     assert {user for user in users if not user.startswith("server.rest.")} <= edge
 
