@@ -177,8 +177,9 @@ class Bridge:
             self.publish_status()
 
     def note_label(self, event: dict[str, Any]) -> None:
-        """The recording remembers what was labelled."""
+        """The recording remembers what was labelled, and what there is to see has changed."""
         self.session.mark({"label": event}, self.t)
+        self.newest = None
 
     def left(self, viewer: str) -> None:
         """A viewer has gone."""
