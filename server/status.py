@@ -62,6 +62,8 @@ def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> Rob
         battery_volts=power.battery_volts if power else None,
         battery_amperes=power.battery_amperes if power else None,
         charger_volts=power.charger_volts if power else None,
+        charger_amperes=power.charger_amperes if power else None,
+        motor_amperes=(power.left_motor_amperes, power.right_motor_amperes) if power else None,
         tilt_rad=round(snapshot.tilt, 4),
         pose=(x, y, theta),
         distance_m=round(snapshot.distance, 3),

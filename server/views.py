@@ -40,6 +40,8 @@ class RobotStatus(BaseModel):
     battery_volts: float | None = Field(examples=[28.1])
     battery_amperes: float | None = Field(examples=[0.9])
     charger_volts: float | None = Field(examples=[0.0])
+    charger_amperes: float | None = Field(default=None, examples=[0.0])
+    motor_amperes: tuple[float, float] | None = Field(default=None, examples=[(0.4, 0.5)], description="left, right")
     tilt_rad: float = Field(examples=[0.021])
     pose: tuple[float, float, float] = Field(examples=[(1.25, 0.5, 0.1)], description="x m, y m, heading rad, world")
     distance_m: float = Field(examples=[12.5])

@@ -1,88 +1,163 @@
-// The robot's and the server's health: the chips in the header and the table.
+// The robot's and the server's health: the chips in the header, and the panel with its groups of figures.
 
 const LOW_BATTERY = 25.2; // volts of 24 NiMH cells at 1.05 V each
 const EMPTY_BATTERY = 24.0;
+const CHARGING = 5; // volts at the charger's socket above which it is plugged in
+const STOPS_SHOWN = 5;
 
 const STATES = { armed: "armed", "link lost": "standing" }; // on its feet; without commands it only balances
-const STOPS = { link: "no commands", none: "none", command: "asked for" };
-const HARMLESS_STOPS = [null, "none", "command", "link", "boot"];
 
 export class Health {
-  constructor(table) {
-    this.table = table;
-    this.status = null;
-    this.tilt = 0;
-    this.age = null; // s
+  constructor(box) {
+    this.box = box;
+    this.tilt = null; // rad
+    this.shape = "";
+    this.values = [];
   }
 
-  show(status) {
-    this.status = status;
+  /** Take over the status; `connection` knows the round trip and how old the picture is. */
+  show(status, connection) {
     const { robot, filter, link } = status;
-    const volts = robot.battery_volts;
-    chip("battery", volts === null ? "–" : `${volts.toFixed(1)} V`, batteryLevel(volts));
+    chip("battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts));
     chip("link", `${link.lost_percent.toFixed(1)} %`, level(link.lost_percent, 5, 20));
     chip("filter", filterText(filter), filterLevel(filter));
-    this.fill(rowsOf(status));
+    this.fill(groupsOf(status, connection));
   }
 
   /** Tilt in rad, age of the newest reading in s. */
   move(tilt, age) {
-    const degrees = (tilt * 180) / Math.PI;
-    chip("tilt", `${degrees >= 0 ? "+" : "−"}${Math.abs(degrees).toFixed(1)}°`, level(Math.abs(degrees), 12, 25));
-    chip("age", age < 10 ? `${(1000 * age).toFixed(0)} ms` : `${age.toFixed(0)} s`, level(age, 0.5, 1.0));
+    const lean = (180 / Math.PI) * tilt;
+    chip("tilt", degrees(lean), level(Math.abs(lean), 12, 25));
+    chip("age", duration(age), level(age, 0.5, 1.0));
   }
 
-  fill(rows) {
-    const parts = rows.flatMap(([name, value, mark]) => {
-      if (value === undefined) return [element("dt", name, "group")];
-      const shown = element("dd", value);
-      if (mark) shown.dataset.level = mark;
-      return [element("dt", name), shown];
+  /** Rows keep their elements as long as their names stay, so that selected text and a reader's place are not lost. */
+  fill(groups) {
+    const shape = JSON.stringify(groups.map(([title, rows]) => [title, rows.map(([name]) => name)]));
+    if (shape !== this.shape) this.build(groups);
+    this.shape = shape;
+    groups.flatMap(([, rows]) => rows).forEach(([, value, mark = ""], index) => {
+      const shown = this.values[index];
+      if (shown.textContent !== value) shown.textContent = shown.title = value;
+      shown.dataset.level = mark;
     });
-    this.table.replaceChildren(...parts);
+  }
+
+  build(groups) {
+    this.values = [];
+    const built = groups.map(([title, rows]) => {
+      const table = element("dl");
+      for (const [name] of rows) {
+        const value = element("dd");
+        this.values.push(value);
+        table.append(element("dt", name), value);
+      }
+      const group = element("section");
+      group.append(element("h3", title), table);
+      return group;
+    });
+    this.box.replaceChildren(...built);
   }
 }
 
-function rowsOf({ robot, filter, link, map, driver, recording, version }) {
-  const stopped = !HARMLESS_STOPS.includes(robot.stop_reason);
+function groupsOf(status, connection) {
   return [
-    ["Robot"],
+    ["Robot", robotRows(status.robot)],
+    ["Newest stops", stopRows(status)],
+    ["Link", linkRows(status.link, connection)],
+    ["Path filter", filterRows(status.filter)],
+    ["Map", mapRows(status.map)],
+    ["Server", serverRows(status)],
+  ];
+}
+
+function robotRows(robot) {
+  const [left, right] = robot.motor_amperes ?? [];
+  return [
     ["State", STATES[robot.state] ?? robot.state ?? "not heard", STATES[robot.state] ? "" : robot.state ? "warn" : "bad"],
-    ["Last stop", STOPS[robot.stop_reason] ?? robot.stop_reason ?? "–", stopped ? "bad" : ""],
     ["Battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts)],
-    ["Current", robot.battery_amperes === null ? "–" : `${robot.battery_amperes.toFixed(2)} A`],
-    ...((robot.charger_volts ?? 0) > 5 ? [["Charger", volts(robot.charger_volts)]] : []),
+    ["Current", amperes(robot.battery_amperes)],
+    ...(robot.motor_amperes ? [["Motors", `${left.toFixed(2)}, ${right.toFixed(2)} A`]] : []),
+    ["Charger", robot.charger_volts > CHARGING ? `${volts(robot.charger_volts)}, ${amperes(robot.charger_amperes)}` : "not plugged in"],
+    ["Tilt", degrees((180 / Math.PI) * robot.tilt_rad)],
     ["Driven", `${robot.distance_m.toFixed(1)} m`],
-    ["Link"],
+  ];
+}
+
+function stopRows({ stops = [] }) {
+  if (!stops.length) return [["None yet", ""]];
+  return stops.slice(0, STOPS_SHOWN).map(({ t, reason, by }) => [clock(t), by ? `${reason} (${by})` : reason]);
+}
+
+function linkRows(link, { roundTrip, age }) {
+  return [
     ["Radio", link.connected ? link.names.join(", ") : "not connected", link.connected ? "" : "bad"],
     ...(link.error ? [["Fault", link.error, "bad"]] : []),
-    ["Reconnects", String(link.reconnects), link.reconnects ? "warn" : ""],
     ["Frame loss", `${link.lost_percent.toFixed(1)} %`, level(link.lost_percent, 5, 20)],
-    ["Silent for", link.silence_s === null ? "–" : `${Math.round(1000 * link.silence_s)} ms`, level(link.silence_s ?? 0, 0.5, 2)],
-    ["Path filter"],
+    ["Silent for", duration(link.silence_s), level(link.silence_s ?? 0, 0.5, 2)],
+    ["Reconnects", String(link.reconnects), link.reconnects ? "warn" : ""],
+    ["To this page", roundTrip === null ? "–" : `${roundTrip.toFixed(0)} ms and back`, level(roundTrip ?? 0, 250, 1000)],
+    ["Picture age", duration(age), level(age, 0.5, 1)],
+  ];
+}
+
+function filterRows(filter) {
+  const { particles, wanted_particles: wanted } = filter;
+  const isShort = particles < wanted;
+  return [
     ["Process", filter.state, filterLevel(filter)],
-    ["Particles", particles(filter), filter.particles < filter.wanted_particles ? "warn" : ""],
-    ["Effective", Math.round(filter.effective_particles).toLocaleString("en")],
+    ["Particles", isShort ? `${count(particles)} of ${count(wanted)}` : count(particles), isShort ? "warn" : ""],
+    ["Effective", count(Math.round(filter.effective_particles))],
     ["Resampled", `${filter.resamplings} times`],
     ["Load", `${Math.round(100 * filter.load)} %`, level(filter.load, 0.7, 0.95)],
     ["Restarts", String(filter.restarts), filter.restarts ? "warn" : ""],
-    ["Map"],
-    ["Vertices", `${map.vertices}, ${map.fixed_depth} settled`],
+  ];
+}
+
+function mapRows(map) {
+  return [
+    ["Vertices", count(map.vertices)],
+    ["Settled", `${count(map.fixed_depth)} of them`],
     ["Affinity", map.affinity.toFixed(1)],
     ["Plausibility", map.plausibility.toFixed(1)],
-    ["Session"],
-    ["Watching", String(driver.viewers)],
+  ];
+}
+
+function serverRows({ t, driver, recording, version, loop }) {
+  return [
+    ["Session", clock(t)],
     ["Recorded", recording ? recording.split("/").pop().replace(/^run-|\.rlog$/g, "") : "no"],
+    ["Watching", String(driver.viewers)],
+    ...(loop ? [["Late (p99)", `${loop.late_p99_ms.toFixed(0)} ms`, level(loop.late_p99_ms, 20, 100)]] : []),
     ["Version", version],
   ];
 }
 
-function particles({ particles: now, wanted_particles: wanted }) {
-  return now < wanted ? `${now.toLocaleString("en")} of ${wanted.toLocaleString("en")}` : now.toLocaleString("en");
+function count(n) {
+  return n.toLocaleString("en");
 }
 
 function volts(value) {
   return value === null ? "–" : `${value.toFixed(1)} V`;
+}
+
+function amperes(value) {
+  return value === null || value === undefined ? "–" : `${value.toFixed(2)} A`;
+}
+
+function degrees(lean) {
+  return `${lean > -0.05 ? "+" : "−"}${Math.abs(lean).toFixed(1)}°`;
+}
+
+/** Seconds as people read them. */
+function duration(seconds) {
+  if (seconds === null || !Number.isFinite(seconds)) return "–";
+  return seconds < 10 ? `${Math.round(1000 * seconds)} ms` : `${seconds.toFixed(0)} s`;
+}
+
+/** Session time as m:ss. */
+function clock(seconds) {
+  return `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 }
 
 function batteryLevel(value) {
@@ -105,13 +180,12 @@ function level(value, warn, bad) {
 
 function chip(name, text, mark) {
   const item = document.getElementById(`chip-${name}`);
-  item.lastElementChild.textContent = text;
+  if (item.lastElementChild.textContent !== text) item.lastElementChild.textContent = text;
   item.dataset.level = mark;
 }
 
-function element(tag, text, className = "") {
+function element(tag, text = "") {
   const made = document.createElement(tag);
   made.textContent = text;
-  made.className = className;
   return made;
 }
