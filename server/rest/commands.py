@@ -28,6 +28,7 @@ EXAMPLES: dict[str, Any] = {
         "value": {"type": "goal", "x": 2.0, "y": 1.5, "speed": 0.3, "seen": 61.3},
     },
     "hold": {"summary": "You still watch the way to the goal", "value": {"type": "hold", "seen": 61.4}},
+    "ask": {"summary": "Ask the driver for the lease", "value": {"type": "ask"}},
     "resume": {"summary": "End a stop", "value": {"type": "resume"}},
 }
 

@@ -1,6 +1,8 @@
 """The interface's own description: every route says what it does, shows an example, and names how it can fail."""
 
+import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,18 +13,19 @@ from server.config import Config
 from server.live import Live, LiveOptions
 from tests.server.live_session import HandSession
 
+HTTP = Path(__file__).resolve().parents[2] / "docs" / "http.md"
 HERE = "http://127.0.0.1:8000"
 Json = dict[str, Any]
 
 
 def described() -> Json:
     """What /openapi.json answers where a robot is served."""
-    by_hand = HandSession()
-    live = Live(LiveOptions(Config(), recordings=None), {"link0": by_hand.link}, by_hand.bridge.control, None)
-    with TestClient(create_app(by_hand.bridge, further=live.routers()), base_url=HERE) as client:
+    with TestClient(create_app(BY_HAND.bridge, further=LIVE.routers()), base_url=HERE) as client:
         return client.get("/openapi.json").json()
 
 
+BY_HAND = HandSession()
+LIVE = Live(LiveOptions(Config(), recordings=None), {"link0": BY_HAND.link}, BY_HAND.bridge.control, None)
 SCHEMA = described()
 ROUTES = [(path, method) for path, methods in SCHEMA["paths"].items() for method in methods]
 
@@ -99,6 +102,23 @@ def test_what_a_route_takes_is_explained(path: str, method: str):
 def test_the_routes_that_are_promised_are_there():
     promised = {"status", "config", "config/schema", "profile", "map.png", "map.json", "commands", "health", "metrics"}
     assert {f"/api/v1/{name}" for name in promised} <= set(SCHEMA["paths"])
+
+
+@pytest.mark.parametrize(("path", "method"), ROUTES)
+def test_the_documents_name_every_route(path: str, method: str):
+    text = HTTP.read_text()
+    assert method.upper() in text
+    for piece in path.removeprefix("/api/v1/").split("/"):
+        name, _, suffix = piece.partition(".")
+        if not piece.startswith("{"):
+            assert re.search(rf"\b{name}\b", text), f"{piece} of {path}"
+        assert suffix in text
+
+
+def test_the_documents_name_every_topic():
+    rows = set(re.findall(r"^\| `([\w/]+)` \|", HTTP.read_text(), re.MULTILINE))
+    topics = {"notice", "status", "pose", "tile/K", *LIVE.bridge.layers.layers}
+    assert topics <= rows
 
 
 def test_operations_have_names_of_their_own():
