@@ -73,7 +73,7 @@ class StoredMap(BaseModel):
     note: str = Field(default="", max_length=4000, examples=["Doors to the east were shut."])
     robot: str = Field(default="", examples=["crunch"])
     session: str = Field(default="", examples=["Tuesday's drive"], description="the session's name, if it has one")
-    recording: str = Field(default="", examples=["run-20260101-120000.rlog"], description="what it was made from")
+    recording: str = Field(default="", examples=["run-20260101-120000"], description="what it was made from")
     saved: float = Field(default=0.0, examples=[1767268800.0], description="seconds since 1970, UTC")
     vertices: int = Field(default=0, examples=[214])
     path_length_m: float = Field(default=0.0, examples=[106.9])
