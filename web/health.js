@@ -77,7 +77,7 @@ function robotRows(robot) {
     ["State", STATES[robot.state] ?? robot.state ?? "not heard", STATES[robot.state] ? "" : robot.state ? "warn" : "bad"],
     ["Battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts)],
     ["Current", amperes(robot.battery_amperes)],
-    ...(robot.motor_amperes ? [["Motors", `${left.toFixed(2)}, ${right.toFixed(2)} A`]] : []),
+    ...(robot.motor_amperes ? [["Motors", `${signed(left)}, ${signed(right)} A`]] : []),
     ["Charger", robot.charger_volts > CHARGING ? `${volts(robot.charger_volts)}, ${amperes(robot.charger_amperes)}` : "not plugged in"],
     ["Tilt", degrees((180 / Math.PI) * robot.tilt_rad)],
     ["Driven", `${robot.distance_m.toFixed(1)} m`],
@@ -116,8 +116,7 @@ function filterRows(filter) {
 
 function mapRows(map) {
   return [
-    ["Vertices", count(map.vertices)],
-    ["Settled", `${count(map.fixed_depth)} of them`],
+    ["Vertices", `${count(map.vertices)}, ${count(map.fixed_depth)} settled`],
     ["Affinity", map.affinity.toFixed(1)],
     ["Plausibility", map.plausibility.toFixed(1)],
   ];
@@ -128,7 +127,7 @@ function serverRows({ t, driver, recording, version, loop }) {
     ["Session", clock(t)],
     ["Recorded", recording ? recording.split("/").pop().replace(/^run-|\.rlog$/g, "") : "no"],
     ["Watching", String(driver.viewers)],
-    ...(loop ? [["Late (p99)", `${loop.late_p99_ms.toFixed(0)} ms`, level(loop.late_p99_ms, 20, 100)]] : []),
+    ...(loop ? [["Loop delay", `${loop.late_p99_ms.toFixed(0)} ms`, level(loop.late_p99_ms, 100, 500)]] : []),
     ["Version", version],
   ];
 }
@@ -143,6 +142,11 @@ function volts(value) {
 
 function amperes(value) {
   return value === null || value === undefined ? "–" : `${value.toFixed(2)} A`;
+}
+
+/** Amperes either way, with a minus sign as long as a plus. */
+function signed(value) {
+  return value.toFixed(2).replace(/^-0\.00$/, "0.00").replace("-", "−");
 }
 
 function degrees(lean) {
