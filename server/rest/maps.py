@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from server.cockpit import PREFIX, Cockpit
 from server.comparison import Comparison, compare, comparison_png
-from server.map_exports import FORMATS, Sheet, stem_of
+from server.map_exports import FORMATS, Format, Sheet, stem_of
 from server.map_store import Change, MapStore, StoredMap, keep_session
 from server.rest.answers import refusal
 from server.rest.files import Press, asked, documented
@@ -122,22 +122,24 @@ def add_files(router: APIRouter, store: MapStore) -> None:
         tag = f"{number}-{kept.revision}-small"
         return await press.answer(request, tag, "thumbnail.png", "image/png", partial(store.thumbnail, number))
 
-    for name, made in FORMATS.items():
-
-        async def file(request: Request, number: Number, name: str = name) -> Response:
+    def add(name: str, made: Format) -> None:
+        async def file(request: Request, number: Number) -> Response:
             kept = await asked(store.info, number)
             make, tag = partial(export, store, kept, name), f"{number}-{kept.revision}-{name}"
-            return await press.answer(request, tag, f"{stem_of(kept.name)}.{name}", FORMATS[name].media_type, make)
+            return await press.answer(request, tag, f"{stem_of(kept.name)}.{name}", made.media_type, make)
 
-        file.__doc__ = f"A saved map in its own frame: {made.description}."
         router.add_api_route(
             f"/{{number}}/map.{name}",
             file,
             summary=f"A saved map as {name.upper()}",
+            description=f"A saved map in its own frame: {made.description}.",
             name=f"saved map {name}",
             response_class=Response,
             responses={**documented(name), **NOT_THERE, **NO_DISK},
         )
+
+    for name, made in FORMATS.items():
+        add(name, made)
 
 
 def add_comparing(router: APIRouter, store: MapStore) -> None:

@@ -6,13 +6,15 @@ Uses its siblings `answers`, `cockpit` and `files`, and `labels`, `map_exports` 
 from __future__ import annotations
 
 import hashlib
-from typing import Annotated
+from functools import partial
+from collections.abc import Callable
+from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Path, Request, Response
 
 from server.cockpit import PREFIX, Cockpit
 from server.labels import NewPlace, NoPlace, Place, place_of
-from server.map_exports import FORMATS, Sheet
+from server.map_exports import FORMATS, Format, Sheet
 from server.messages import Snapshot
 from server.rest.answers import refusal
 from server.rest.files import Press, documented
@@ -31,25 +33,27 @@ def present_routes(cockpit: Cockpit) -> APIRouter:
 def add_files(router: APIRouter, cockpit: Cockpit) -> None:
     """The map in every format."""
     press = Press()
-    for name, made in FORMATS.items():
 
-        async def present(request: Request, name: str = name) -> Response:
+    def add(name: str, made: Format) -> None:
+        async def present(request: Request) -> Response:
             snapshot = cockpit.snapshot()
-            sheet = Sheet(present_survey(cockpit), snapshot.labels, title=snapshot.robot.capitalize())
-            made = FORMATS[name]
+            sheet = Sheet(present_survey(cockpit, snapshot), snapshot.labels, snapshot.robot.capitalize())
             tag = f"{name}-{tag_of(snapshot)}"
-            return await press.answer(request, tag, f"map.{name}", made.media_type, lambda: made.make(sheet))
+            return await press.answer(request, tag, f"map.{name}", made.media_type, partial(made.make, sheet))
 
-        present.__doc__ = f"The map as it is now: {made.description}."
         router.add_api_route(
             f"/map.{name}",
             present,
             tags=["map"],
             summary=f"The present map as {name.upper()}",
+            description=f"The map as it is now: {made.description}.",
             name=f"present map {name}",
             response_class=Response,
             responses=documented(name),
         )
+
+    for name, made in FORMATS.items():
+        add(name, made)
 
 
 def add_labels(router: APIRouter, cockpit: Cockpit) -> None:
