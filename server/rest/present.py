@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from functools import partial
-from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, HTTPException, Path, Request, Response
 
