@@ -1,11 +1,13 @@
-// Driving: keys, the stick, and the ways out. Whatever moves the robot is repeated while it is held, and a zero is said
-// once on every way out of holding it; the server stops the robot by itself when this page falls silent.
+// Driving: keys, the stick, and the ways out (gamepads: gamepad.js). Whatever moves the robot is repeated while it is
+// held, and a zero is said once on every way out of holding it; the server stops the robot by itself when this page falls
+// silent.
 
 const REPEAT = 80; // ms between two words of the driver
 const KEYS = {
   KeyW: [1, 0], ArrowUp: [1, 0], KeyS: [-1, 0], ArrowDown: [-1, 0],
   KeyA: [0, 1], ArrowLeft: [0, 1], KeyD: [0, -1], ArrowRight: [0, -1],
 };
+const STRAIGHT = 0.12; // share of a stick's way to the side that still means straight on
 const BACKING = 0.6; // share of the limit when driving backwards
 const SLOWEST_FULL_TURN = 0.25; // m/s of speed limit at which the full turn rate is allowed
 
@@ -15,12 +17,13 @@ export class Driver {
     this.stick = stick;
     this.knob = stick.querySelector("i");
     this.held = new Set();
-    this.source = null; // "keys" or "stick" while something is held
+    this.source = null; // "keys", "stick" or "gamepad" while something is held
     this.wish = [0, 0]; // forward and left, -1 to 1
     this.limit = 0.3; // m/s
     this.maxTurn = 1.5; // rad/s
     this.seen = 0; // session time of the newest picture
     this.hasGoal = false;
+    this.isShared = false; // whether the robot bends the wish off obstacles
     setInterval(() => this.repeat(), REPEAT);
     this.listenToKeys();
     this.listenToStick();
@@ -30,7 +33,7 @@ export class Driver {
   }
 
   get isLocked() {
-    return this.connection.isLocked;
+    return !this.connection.isLive || this.connection.isLocked;
   }
 
   /** Stand still, whoever drives. */
@@ -72,14 +75,14 @@ export class Driver {
     const [forward, left] = this.wish;
     const speed = this.limit * (forward < 0 ? BACKING * forward : forward);
     const turn = this.maxTurn * Math.min(1, this.limit / SLOWEST_FULL_TURN) * left;
-    this.connection.send({ type: "drive", speed, turn, seen: this.seen });
+    this.connection.send({ type: "drive", speed, turn, seen: this.seen, shared: this.isShared });
   }
 
   hold(source, forward, left) {
     if (this.isLocked) return;
     const isNew = this.source === null;
     this.source = source;
-    this.wish = [Math.max(-1, Math.min(1, forward)), Math.max(-1, Math.min(1, left))];
+    this.wish = [clamp(forward), clamp(left)];
     this.hasGoal = false;
     this.showKnob();
     if (isNew) this.sendWish();
@@ -136,7 +139,7 @@ export class Driver {
       const forward = (box.top + box.height / 2 - event.clientY) / reach;
       const left = (box.left + box.width / 2 - event.clientX) / reach;
       const length = Math.max(1, Math.hypot(forward, left));
-      this.hold("stick", forward / length, left / length);
+      this.hold("stick", forward / length, straightened(left / length));
     };
     stick.addEventListener("pointerdown", (event) => {
       event.preventDefault();
@@ -149,6 +152,15 @@ export class Driver {
     }
     stick.addEventListener("contextmenu", (event) => event.preventDefault());
   }
+}
+
+function clamp(value) {
+  return Math.max(-1, Math.min(1, value));
+}
+
+/** A thumb that pushes forward is never exactly straight. */
+export function straightened(left) {
+  return (Math.sign(left) * Math.max(0, Math.abs(left) - STRAIGHT)) / (1 - STRAIGHT);
 }
 
 function isTyping(target) {

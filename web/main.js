@@ -1,7 +1,10 @@
 // The page: joins the connection, the drawings and the controls.
 
+import { Assist } from "./assist.js";
 import { Connection } from "./connection.js";
 import { Driver } from "./drive.js";
+import { Gamepads } from "./gamepad.js";
+import { Handover } from "./handover.js";
 import { Health } from "./health.js";
 import { Help } from "./help.js";
 import { HistogramView } from "./histogram.js";
@@ -20,6 +23,9 @@ const TURN = 250; // ms between two looks at how fresh the picture is
 
 const connection = new Connection();
 const driver = new Driver(connection, $("stick"));
+const assist = new Assist($("shared"), $("assist"), driver);
+const handover = new Handover($("driver-request"), $("ask"), connection, driver);
+new Gamepads(driver, $("gamepad"));
 const health = new Health($("health"));
 const local = new LocalView($("local"));
 const histogram = new HistogramView($("histogram"));
@@ -36,7 +42,7 @@ globalThis.crunch = page;
 
 connection.addEventListener("state", showConnection);
 connection.addEventListener("notice", ({ detail }) => {
-  if (detail.header.kind === "refused") refuse(detail.header.reason);
+  if (detail.header.kind === "refused") refuse(detail.header);
 });
 connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
 connection.addEventListener("pose", ({ detail }) => {
@@ -53,6 +59,7 @@ connection.addEventListener("local", ({ detail }) => {
 });
 connection.addEventListener("histogram", ({ detail }) => {
   histogram.show(detail);
+  assist.show(detail);
   delete $("histogram").parentElement.dataset.empty;
   const n = detail.header.valleys.length;
   $("histogram-figures").textContent = n === 1 ? "1 valley" : `${n} valleys`;
@@ -97,7 +104,7 @@ function showStatus(status) {
   driver.maxTurn = who.max_turn;
   $("limit").max = who.max_speed;
   $("drive-state").textContent = driveText(who, isMine);
-  $("take").hidden = isMine || who.viewer === null;
+  handover.show(who);
   $("resume").hidden = who.stopped_by === null;
   $("cancel").hidden = who.goal === null;
   $("arm").hidden = robot.state === null || robot.state === "armed" || robot.state === "link lost";
@@ -170,7 +177,6 @@ $("cancel").onclick = () => driver.cancelGoal();
 // Buttons.
 
 $("stop").onclick = () => driver.stop();
-$("take").onclick = () => connection.send({ type: "take" });
 $("resume").onclick = () => connection.send({ type: "resume" });
 $("arm").onclick = () => connection.send({ type: "arm", armed: true });
 $("autopilot").onclick = () => connection.send({ type: "autopilot", on: page.status?.driver.autopilot !== true });
@@ -208,7 +214,7 @@ $("limit").oninput = (event) => {
   localStorage.setItem("limit", event.target.value);
 };
 
-function refuse(reason) {
-  if (driver.hasGoal) driver.hasGoal = false;
+function refuse({ word, reason }) {
+  if (word === "goal" || word === "hold") driver.hasGoal = false;
   toast(reason[0].toUpperCase() + reason.slice(1));
 }

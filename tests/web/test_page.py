@@ -153,18 +153,19 @@ def test_space_stops_for_everyone_until_the_driver_resumes(served: Served, visit
     driver.wait("document.getElementById('banner').hidden")
 
 
-def test_the_button_stops_too_and_control_can_be_taken(served: Served, visit: Open):
+def test_the_button_stops_too_and_only_the_driver_resumes(served: Served, visit: Open):
+    at_rest(served)
     one, two = dismiss(visit(served)), dismiss(visit(served))
     one.page.keyboard.down("w")
     wait_until(lambda: served.status()["driver"]["leased"])
     two.page.click("#stop")
     wait_until(lambda: served.status()["driver"]["stopped_by"])
     one.page.keyboard.up("w")
-    two.page.click("#take")
-    two.wait(f"{DRIVER}.viewer === crunch.connection.viewer")
     two.page.click("#resume")
-    two.wait(f"{DRIVER}.stopped_by === null")
-    one.wait("!document.getElementById('take').hidden")
+    two.page.wait_for_selector("#toasts")
+    assert served.status()["driver"]["stopped_by"]
+    one.page.click("#resume")
+    one.wait(f"{DRIVER}.stopped_by === null")
 
 
 def test_a_click_proposes_a_goal_and_the_button_drives_there(served: Served, visit: Open):

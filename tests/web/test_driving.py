@@ -1,0 +1,150 @@
+"""Driving in a real browser beyond keys and thumb: a gamepad with its dead man's button, hand-over, shared driving."""
+
+from tests.served import Served, wait_until
+from tests.web.conftest import Open, Watched
+from tests.web.test_page import DRIVER, at_rest, dismiss, distance_in
+
+PAD = """(() => {
+    globalThis.pad = {
+        index: 0, id: "Test Pad (STANDARD GAMEPAD Vendor: 0000 Product: 0000)", mapping: "standard", connected: true,
+        axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0 })),
+        frozen: null, get timestamp() { return this.frozen ?? performance.now(); },
+    };
+    globalThis.plugged = [pad];
+    navigator.getGamepads = () => plugged;
+    dispatchEvent(new Event("gamepadconnected"));
+})()"""
+TEXT = "document.getElementById('gamepad').textContent"
+
+
+def with_pad(served: Served, visit: Open) -> Watched:
+    """A page with a synthetic gamepad that has been seen at rest."""
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.value(PAD)
+    page.wait(f"{TEXT}.startsWith('Test Pad: hold RB')")
+    return page
+
+
+def press(page: Watched, button: int, is_down: bool) -> None:
+    """Press or let go of one of the pad's buttons."""
+    page.value(f"pad.buttons[{button}] = {{ pressed: {str(is_down).lower()}, value: {int(is_down)} }}")
+
+
+def drives(page: Watched) -> None:
+    """Until the pad drives the robot."""
+    page.wait("crunch.driver.source === 'gamepad' && crunch.driver.wish[0] === 1")
+    page.wait(f"{DRIVER}?.leased && {DRIVER}.viewer === crunch.connection.viewer")
+
+
+def test_a_pad_drives_only_while_its_button_is_held(served: Served, visit: Open):
+    page = with_pad(served, visit)
+    page.value("pad.axes[1] = -1")
+    assert distance_in(served, 0.5) < 0.02, "the stick alone does nothing"
+    press(page, 5, True)
+    drives(page)
+    wait_until(lambda: distance_in(served, 0.3) > 0.03)
+    assert page.value(TEXT) == "Test Pad drives"
+    press(page, 5, False)
+    page.wait("crunch.driver.source === null")
+    wait_until(lambda: not served.status()["driver"]["leased"])
+    wait_until(lambda: distance_in(served, 0.5) < 0.02)
+
+
+def test_a_pad_that_is_pulled_out_or_changed_lets_go(served: Served, visit: Open):
+    page = with_pad(served, visit)
+    page.value("pad.axes[1] = -1")
+    press(page, 5, True)
+    drives(page)
+    page.value("plugged = []; dispatchEvent(new Event('gamepaddisconnected'))")
+    assert page.value("crunch.driver.source") is None
+    assert page.value("document.getElementById('gamepad').hidden")
+    page.value("plugged = [pad]; dispatchEvent(new Event('gamepadconnected'))")
+    page.page.wait_for_timeout(200)
+    assert page.value("crunch.driver.source") is None, "its button was down when it came: it counts once it has been up"
+    press(page, 5, False)
+    page.page.wait_for_timeout(100)
+    press(page, 5, True)
+    drives(page)
+    page.value("pad.id = 'Another Pad'")
+    page.wait("crunch.driver.source === null")
+    wait_until(lambda: not served.status()["driver"]["leased"])
+
+
+def test_a_frozen_pad_lets_go_and_a_living_one_drives_again(served: Served, visit: Open):
+    page = with_pad(served, visit)
+    page.value("pad.axes[1] = -1")
+    press(page, 5, True)
+    drives(page)
+    page.value("pad.frozen = performance.now()")
+    page.wait(f"{TEXT}.includes('nothing new')")
+    assert page.value("crunch.driver.source") is None
+    wait_until(lambda: not served.status()["driver"]["leased"])
+    page.value("pad.frozen = null")
+    drives(page)
+    press(page, 5, False)
+
+
+def test_a_pads_stop_button_stops(served: Served, visit: Open):
+    page = with_pad(served, visit)
+    press(page, 1, True)
+    wait_until(lambda: served.status()["driver"]["stopped_by"])
+    press(page, 1, False)
+    stop = served.status()["stops"][0]
+    assert (stop["reason"], stop["by"]) == ("pressed Stop", page.value("crunch.connection.viewer"))
+    page.page.click("#resume")
+    page.wait(f"{DRIVER}.stopped_by === null")
+
+
+def asking(served: Served, visit: Open) -> tuple[Watched, Watched]:
+    """One drives and another asks."""
+    at_rest(served)
+    one, two = dismiss(visit(served)), dismiss(visit(served))
+    one.page.keyboard.down("w")
+    one.wait(f"{DRIVER}?.viewer === crunch.connection.viewer")
+    two.page.click("#ask")
+    one.page.wait_for_selector("#driver-request:not([hidden])")
+    return one, two
+
+
+def test_the_driver_hands_over_and_the_robot_stands(served: Served, visit: Open):
+    one, two = asking(served, visit)
+    assert two.value("crunch.connection.viewer") in one.page.inner_text("#driver-request")
+    assert "You asked" in two.page.inner_text("#driver-request")
+    one.page.get_by_role("button", name="Hand over").click()
+    two.wait(f"{DRIVER}.viewer === crunch.connection.viewer")
+    assert "You drive now." in two.page.inner_text("#toasts")
+    one.page.keyboard.up("w")
+    one.page.wait_for_selector("#driver-request", state="hidden")
+    wait_until(lambda: distance_in(served, 0.5) < 0.02)
+    assert one.page.is_visible("#ask")
+    assert not two.page.is_visible("#ask")
+
+
+def test_the_driver_keeps_control_and_who_asked_is_told(served: Served, visit: Open):
+    one, two = asking(served, visit)
+    one.page.get_by_role("button", name="Keep driving").click()
+    two.wait("document.getElementById('toasts').innerText.includes('keeps control')")
+    assert served.status()["driver"]["viewer"] == one.value("crunch.connection.viewer")
+    assert two.page.is_visible("#ask"), "to ask again"
+    one.page.keyboard.up("w")
+
+
+def test_a_driver_who_closes_the_page_makes_way(served: Served, visit: Open):
+    one, two = asking(served, visit)
+    one.page.close()
+    two.wait(f"{DRIVER}.viewer === crunch.connection.viewer")
+
+
+def test_the_driver_chooses_whether_obstacles_bend_the_way(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    assert page.page.is_checked("#shared")
+    for is_shared in (True, False):
+        page.page.set_checked("#shared", is_shared)
+        page.page.keyboard.down("a")
+        page.wait(f"{DRIVER}?.leased && {DRIVER}.shared === {str(is_shared).lower()}")
+        page.page.keyboard.up("a")
+        page.wait(f"!{DRIVER}.leased")
+    page.page.reload()
+    assert not page.page.is_checked("#shared"), "it is remembered"
