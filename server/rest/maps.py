@@ -5,7 +5,6 @@ Uses its siblings `answers`, `cockpit`, `files` and `present`, and `comparison`,
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any
 
