@@ -77,7 +77,7 @@ export class Gamepads {
     const text = !pad ? ""
       : pad.isFrozen ? `${pad.name} sends nothing new: move its stick`
       : this.driving !== null ? `${pad.name} drives`
-      : `${pad.name}: hold RB and push the left stick; B stops`;
+      : `${pad.name}: hold RB to drive, B stops`;
     this.line.hidden = text === "";
     if (this.line.textContent !== text) this.line.textContent = text;
   }

@@ -19,7 +19,7 @@ export class Handover {
       connection.send({ type: "give", to: this.before.asked_by });
     });
     this.give.className = "primary";
-    this.keep = this.answer("Keep driving", () => connection.send({ type: "keep" }));
+    this.keep = this.answer("Keep", () => connection.send({ type: "keep" }));
     container.append(this.words, this.time, this.give, this.keep);
     button.onclick = () => connection.send({ type: "ask" });
   }

@@ -123,7 +123,7 @@ def test_the_driver_hands_over_and_the_robot_stands(served: Served, visit: Open)
 
 def test_the_driver_keeps_control_and_who_asked_is_told(served: Served, visit: Open):
     one, two = asking(served, visit)
-    one.page.get_by_role("button", name="Keep driving").click()
+    one.page.get_by_role("button", name="Keep").click()
     two.wait("document.getElementById('toasts').innerText.includes('keeps control')")
     assert served.status()["driver"]["viewer"] == one.value("crunch.connection.viewer")
     assert two.page.is_visible("#ask"), "to ask again"
