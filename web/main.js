@@ -5,6 +5,7 @@ import { Connection } from "./connection.js";
 import { Driver } from "./drive.js";
 import { Gamepads } from "./gamepad.js";
 import { Handover } from "./handover.js";
+import { GoalCard } from "./goal_card.js";
 import { Health } from "./health.js";
 import { Help } from "./help.js";
 import { HistogramView } from "./histogram.js";
@@ -12,6 +13,7 @@ import { Library } from "./library.js";
 import { LocalView } from "./local.js";
 import { Switches } from "./layers.js";
 import { MapView } from "./map.js";
+import { listenToKeys } from "./map_keys.js";
 import { ProfileView } from "./profile.js";
 import { RouteState } from "./route.js";
 import { Suggestions } from "./suggestions.js";
@@ -31,6 +33,8 @@ const local = new LocalView($("local"));
 const histogram = new HistogramView($("histogram"));
 const profile = new ProfileView($("profile"));
 const map = new MapView($("map"), connection, proposeGoal);
+listenToKeys(map, proposeGoal);
+const goals = new GoalCard($("goal-card"), map, driver);
 const switches = new Switches($("map-layers"), $("map-layers-open"));
 new RouteState($("map").parentElement, connection);
 new Suggestions($("suggestions"), connection, proposeGoal);
@@ -43,6 +47,9 @@ globalThis.crunch = page;
 connection.addEventListener("state", showConnection);
 connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "refused") refuse(detail.header);
+});
+connection.addEventListener("notice", ({ detail }) => {
+  if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
 });
 connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
 connection.addEventListener("pose", ({ detail }) => {
@@ -111,7 +118,7 @@ function showStatus(status) {
   $("autopilot").hidden = who.autopilot === null;
   $("autopilot").setAttribute("aria-pressed", String(who.autopilot === true));
   $("map-figures").textContent = figures.vertices
-    ? `${figures.vertices} vertices, ${figures.path_length_m.toFixed(1)} m` : "waiting for the first vertex";
+    ? `${figures.vertices} ${figures.vertices === 1 ? "vertex" : "vertices"}, ${figures.path_length_m.toFixed(1)} m` : "waiting for the first vertex";
   $("health-figures").textContent = robot.name + (robot.virtual ? ", virtual" : "");
   document.title = `${robot.name[0].toUpperCase()}${robot.name.slice(1)} · ${figures.vertices} vertices`;
   showBanner();
@@ -156,22 +163,9 @@ function bannerText() {
 // Goals: a click proposes, a button confirms.
 
 function proposeGoal(place) {
-  map.propose(place);
-  $("goal-place").textContent = `${place[0].toFixed(1)}, ${place[1].toFixed(1)} m`;
-  $("goal-card").hidden = false;
-  $("goal-go").focus({ preventScroll: true });
+  goals.propose(place);
 }
 
-function dropProposal() {
-  map.propose(null);
-  $("goal-card").hidden = true;
-}
-
-$("goal-go").onclick = () => {
-  driver.goTo(map.candidate);
-  dropProposal();
-};
-$("goal-cancel").onclick = dropProposal;
 $("cancel").onclick = () => driver.cancelGoal();
 
 // Buttons.
