@@ -4,6 +4,8 @@ import { Clock } from "./clock.js";
 import { decodeFrame } from "./frame.js";
 
 const STREAM = "/api/v1/stream";
+const STOP = "/api/v1/commands"; // for a replay, whose stream leads to no robot
+const NOT_PLAYABLE = 4004; // closed for good: there is no such recording
 const STALE = 1; // s: an older picture is greyed
 const LOCKED = 1.5; // s: nobody drives by an older one
 const FIRST_RETRY = 300; // ms
@@ -18,6 +20,7 @@ export class Connection extends EventTarget {
     this.clock = new Clock();
     this.taken = null; // session time at which the newest reading was taken
     this.viewer = null; // the name that the server gave this page
+    this.refusal = ""; // why the server will not show this at all
     this.roundTrip = null; // ms
     this.heard = -Infinity; // performance.now() of the newest frame
     this.retry = FIRST_RETRY;
@@ -49,7 +52,7 @@ export class Connection extends EventTarget {
 
   /** Whether the picture is too old to drive by. */
   get isLocked() {
-    return !this.isOpen || this.age > LOCKED;
+    return !this.isLive || !this.isOpen || this.age > LOCKED;
   }
 
   open() {
@@ -60,9 +63,11 @@ export class Connection extends EventTarget {
       this.retry = FIRST_RETRY;
       this.announce("state");
     };
-    socket.onclose = () => {
+    socket.onclose = ({ code, reason }) => {
       this.viewer = null;
+      if (code === NOT_PLAYABLE) this.refusal = reason;
       this.announce("state");
+      if (this.refusal) return;
       setTimeout(() => this.open(), this.retry);
       this.retry = Math.min(LAST_RETRY, 2 * this.retry);
     };
@@ -110,6 +115,12 @@ export class Connection extends EventTarget {
   /** Send a word, unless the line is closed or so full that the word would arrive late. */
   send(word) {
     if (this.isOpen && this.socket.bufferedAmount < 4096) this.socket.send(JSON.stringify(word));
+  }
+
+  /** Tell the robot to stand still, also from a replay. */
+  stop() {
+    if (this.isLive) this.send({ type: "stop" });
+    else fetch(STOP, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"type":"stop"}' });
   }
 
   announce(name, detail) {

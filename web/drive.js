@@ -40,7 +40,7 @@ export class Driver {
   stop() {
     this.letGo();
     this.hasGoal = false;
-    this.connection.send({ type: "stop" });
+    this.connection.stop();
   }
 
   /** Let the robot drive to a place in the world, as long as this page watches. */

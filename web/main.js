@@ -6,6 +6,8 @@ import { Driver } from "./drive.js";
 import { Gamepads } from "./gamepad.js";
 import { Handover } from "./handover.js";
 import { GoalCard } from "./goal_card.js";
+import { GoalCard } from "./goal_card.js";
+import { GoalCard } from "./goal_card.js";
 import { Health } from "./health.js";
 import { Help } from "./help.js";
 import { HistogramView } from "./histogram.js";
@@ -14,7 +16,11 @@ import { LocalView } from "./local.js";
 import { Switches } from "./layers.js";
 import { MapView } from "./map.js";
 import { listenToKeys } from "./map_keys.js";
+import { listenToKeys } from "./map_keys.js";
+import { listenToKeys } from "./map_keys.js";
 import { ProfileView } from "./profile.js";
+import { Recordings } from "./recordings.js";
+import { Replay, askedRecording, streamOf } from "./replay.js";
 import { RouteState } from "./route.js";
 import { Suggestions } from "./suggestions.js";
 import { offerThemes } from "./theme.js";
@@ -23,7 +29,9 @@ import { toast } from "./toast.js";
 const $ = (id) => document.getElementById(id);
 const TURN = 250; // ms between two looks at how fresh the picture is
 
-const connection = new Connection();
+const recording = askedRecording();
+const connection = recording === null ? new Connection() : new Connection(streamOf(recording));
+const replay = recording === null ? null : new Replay($("replay-bar"), connection, recording);
 const driver = new Driver(connection, $("stick"));
 const assist = new Assist($("shared"), $("assist"), driver);
 const handover = new Handover($("driver-request"), $("ask"), connection, driver);
@@ -35,18 +43,29 @@ const profile = new ProfileView($("profile"));
 const map = new MapView($("map"), connection, proposeGoal);
 listenToKeys(map, proposeGoal);
 const goals = new GoalCard($("goal-card"), map, driver);
+listenToKeys(map, proposeGoal);
+const goals = new GoalCard($("goal-card"), map, driver);
+listenToKeys(map, proposeGoal);
+const goals = new GoalCard($("goal-card"), map, driver);
 const switches = new Switches($("map-layers"), $("map-layers-open"));
 new RouteState($("map").parentElement, connection);
 new Suggestions($("suggestions"), connection, proposeGoal);
 const library = new Library($("library"));
+new Recordings($("recordings-pane"), connection);
 const help = new Help($("hint"), $("help"));
 offerThemes($("theme"));
-const page = { status: null, pose: null, driver, connection, map }; // what the browser's console can look at
+const page = { status: null, pose: null, driver, connection, map, replay }; // what the browser's console can look at
 globalThis.crunch = page;
 
 connection.addEventListener("state", showConnection);
 connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "refused") refuse(detail.header);
+});
+connection.addEventListener("notice", ({ detail }) => {
+  if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
+});
+connection.addEventListener("notice", ({ detail }) => {
+  if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
 });
 connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
@@ -86,6 +105,7 @@ function localFigures({ beams, resolution }) {
 function showConnection() {
   const { isOpen, isStale } = connection;
   const [state, text] = !isOpen ? ["bad", "offline, trying again"]
+    : replay ? ["good", "replay"]
     : isStale ? ["waiting", "no fresh data"]
     : ["good", connection.roundTrip === null ? "live" : `live, ${connection.roundTrip.toFixed(0)} ms`];
   const pill = $("connection");
@@ -147,12 +167,15 @@ function showBanner() {
 
 function bannerText() {
   const { status } = page;
+  if (connection.refusal) return ["bad", `This cannot be replayed: ${connection.refusal}.`];
+  if (replay) return connection.isOpen || !status ? ["", ""] : ["bad", "The server cannot be reached. Trying again."];
   if (!connection.isOpen) return status ? ["bad", "The server cannot be reached. Trying again; the robot has been told to stand still."] : ["", ""];
   if (!status) return ["", ""];
   if (status.driver.stopped_by !== null) {
     const by = status.driver.stopped_by === connection.viewer ? "you" : status.driver.stopped_by;
     return ["warn", `Stopped by ${by}. Press Resume to drive again.`];
   }
+  if (!status.session.running) return ["warn", "No session runs: nothing is recorded or mapped. Begin one in the Library."];
   if (!status.link.connected) return ["bad", "The robot's link is not connected."];
   if (status.robot.state === "fallen") return ["bad", "The robot has fallen. Stand it up, then press Arm."];
   if (connection.isLocked) return ["warn", "No fresh data: driving is locked until it comes back."];
@@ -163,6 +186,7 @@ function bannerText() {
 // Goals: a click proposes, a button confirms.
 
 function proposeGoal(place) {
+  if (replay) return;
   goals.propose(place);
 }
 
