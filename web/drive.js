@@ -106,6 +106,7 @@ export class Driver {
   listenToKeys() {
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event.target)) return;
+      if (event.code === "Enter" && isSwitch(event.target)) event.target.click(); // what the space bar cannot do here
       if (event.code === "Space" || event.code === "Escape") {
         event.preventDefault();
         if (!event.repeat) this.stop();
@@ -164,7 +165,11 @@ export function straightened(left) {
 }
 
 function isTyping(target) {
-  return target.matches?.("textarea, select, input:not([type=range])") || target.isContentEditable;
+  return target.matches?.("textarea, select, input:not([type=range], [type=checkbox])") || target.isContentEditable;
+}
+
+function isSwitch(target) {
+  return target.matches?.("input[type=checkbox]");
 }
 
 /** Arrow keys on a focused slider belong to the slider. */
