@@ -1,6 +1,7 @@
 """Who renders recordings for viewers: one process at a time, and only while somebody watches.
 
-A recording is rendered once and kept; what was watched longest ago is deleted when all of it takes too much room.
+A recording is rendered once and kept; what was watched longest ago is deleted when all of it takes too much room. Who
+leaves may come back at once, as when a page is loaded anew: only after a while its rendering is given up.
 Plain calls from the loop: `open` and `leave` as viewers come and go, `tend` as often as they look. Uses its siblings
 `render` (the process's own side) and nothing of the session that runs.
 """
@@ -23,14 +24,16 @@ from server.replay_cache import FOLDER, CacheReader, Progress, cache_path, prune
 log = logging.getLogger(__name__)
 
 ROOM = 2 << 30  # bytes of all caches together
+GRACE = 5.0  # s after the last viewer left
 
 
 class RenderQueue:
     """The caches of the recordings in one folder."""
 
-    def __init__(self, folder: Path, room: int = ROOM):
+    def __init__(self, folder: Path, room: int = ROOM, grace: float = GRACE):
         self.folder = folder / FOLDER
         self.room = room
+        self.grace = grace
         self.watched: Counter[Path] = Counter()  # cache -> viewers
         self.waiting: list[tuple[Path, Path]] = []  # recording and cache, the first comes next
         self.process: BaseProcess | None = None
@@ -51,13 +54,7 @@ class RenderQueue:
     def leave(self, cache: Path) -> None:
         """A viewer has gone; what nobody waits for any more is not rendered."""
         self.watched[cache] -= 1
-        if self.watched[cache] > 0:
-            return
-        del self.watched[cache]
-        self.waiting = [one for one in self.waiting if one[1] != cache]
-        if cache == self.at:
-            self._end()
-        self.tend()
+        asyncio.get_running_loop().call_later(self.grace, self._give_up, cache)
 
     def tend(self) -> None:
         """Look after the process: one that has ended makes room for the next."""
@@ -77,6 +74,16 @@ class RenderQueue:
         if progress.complete:
             return "ready"
         return "rendering" if cache == self.at else "waiting"
+
+    def _give_up(self, cache: Path) -> None:
+        """Render no more for nobody."""
+        if self.watched[cache] > 0:
+            return
+        del self.watched[cache]
+        self.waiting = [one for one in self.waiting if one[1] != cache]
+        if cache == self.at:
+            self._end()
+        self.tend()
 
     def close(self) -> None:
         """End the process; the server leaves."""

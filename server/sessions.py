@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 
 SETTLING = 10.0  # s that the filter is given to answer for the last vertices
 SETTLED_POLL = 0.05  # s between two looks at whether it has
+FEWEST = 2  # vertices of a map that is kept: a robot that only stood has none
 
 KeepMap = Callable[[Snapshot, SessionStatus], str | None]
 
@@ -151,7 +152,7 @@ class Sessions:
         if recorder:
             recorder.close()
             print(f"Recorded in {recorder.path}", flush=True)
-        if not summary.vertices:
+        if summary.vertices < FEWEST:
             return summary
         try:
             return summary.model_copy(update={"map": self.keep_map(snapshot, summary)})
