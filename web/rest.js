@@ -8,22 +8,26 @@ export class Refused extends Error {
 }
 
 /** What the server answers at /api/v1/`address`; throws Refused. */
-export async function rest(address, { method = "GET", body } = {}) {
+export async function ask(address, { method = "GET", body } = {}) {
   const request = { method };
   if (body !== undefined) Object.assign(request, { body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
   let answer;
   try {
     answer = await fetch(`/api/v1/${address}`, request);
   } catch {
-    throw new Refused(0, "The server cannot be reached.");
+    throw new Refused(0, "the server cannot be reached");
   }
   const content = await answer.json().catch(() => null);
-  if (!answer.ok) throw new Refused(answer.status, reason(content?.detail) ?? `The server answered ${answer.status}.`);
+  if (!answer.ok) throw new Refused(answer.status, reason(content?.detail) ?? `the server answered ${answer.status}`);
   return content;
 }
 
-/** A refusal as a sentence; where an input was wrong, each mistake with its place. */
+/** Why it refused; where an input was wrong, each mistake with its place. */
 function reason(detail) {
-  if (Array.isArray(detail)) return detail.map(({ loc, msg }) => `${loc.at(-1)}: ${msg}`).join("; ");
-  return detail ? `${detail[0].toUpperCase()}${detail.slice(1)}.`.replace(/\.\.$/, ".") : null;
+  return Array.isArray(detail) ? detail.map(({ loc, msg }) => `${loc.at(-1)}: ${msg}`).join("; ") : detail;
+}
+
+/** Words as they stand alone: with a capital letter. */
+export function sentence(words) {
+  return words[0].toUpperCase() + words.slice(1);
 }
