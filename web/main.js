@@ -6,8 +6,6 @@ import { Driver } from "./drive.js";
 import { Gamepads } from "./gamepad.js";
 import { Handover } from "./handover.js";
 import { GoalCard } from "./goal_card.js";
-import { GoalCard } from "./goal_card.js";
-import { GoalCard } from "./goal_card.js";
 import { Health } from "./health.js";
 import { Help } from "./help.js";
 import { HistogramView } from "./histogram.js";
@@ -15,8 +13,6 @@ import { Library } from "./library.js";
 import { LocalView } from "./local.js";
 import { Switches } from "./layers.js";
 import { MapView } from "./map.js";
-import { listenToKeys } from "./map_keys.js";
-import { listenToKeys } from "./map_keys.js";
 import { listenToKeys } from "./map_keys.js";
 import { ProfileView } from "./profile.js";
 import { Recordings } from "./recordings.js";
@@ -43,10 +39,6 @@ const profile = new ProfileView($("profile"));
 const map = new MapView($("map"), connection, proposeGoal);
 listenToKeys(map, proposeGoal);
 const goals = new GoalCard($("goal-card"), map, driver);
-listenToKeys(map, proposeGoal);
-const goals = new GoalCard($("goal-card"), map, driver);
-listenToKeys(map, proposeGoal);
-const goals = new GoalCard($("goal-card"), map, driver);
 const switches = new Switches($("map-layers"), $("map-layers-open"));
 new RouteState($("map").parentElement, connection);
 new Suggestions($("suggestions"), connection, proposeGoal);
@@ -60,12 +52,6 @@ globalThis.crunch = page;
 connection.addEventListener("state", showConnection);
 connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "refused") refuse(detail.header);
-});
-connection.addEventListener("notice", ({ detail }) => {
-  if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
-});
-connection.addEventListener("notice", ({ detail }) => {
-  if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
 });
 connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
