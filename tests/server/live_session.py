@@ -49,21 +49,21 @@ class HandLink:
 class HandSession:
     """The whole of a live session but asyncio."""
 
-    def __init__(
-        self, autopilot: bool | None = None, width: float = 6.0, height: float = 4.0, walls: np.ndarray | None = None
-    ):
-        """A robot in the middle of a hall, with further walls (n, 4) in it."""
+    def __init__(self, autopilot: bool | None = None, width: float = 6.0, height: float = 4.0):
         x, y = width / 2.0, height / 2.0
         corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-        hall = np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1)
-        world = World(hall if walls is None else np.vstack([hall, walls]), np.zeros(3))
+        world = World(np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1), np.zeros(3))
         self.virtual = VirtualCrunch(world, seed=1, drift="low")
         self.link = HandLink(self.virtual)
-        robot = Crunch(PARAMS)
+        robot = self.make_robot()
         session = Session(robot, PARAMS.calibration)
         control = Control(ControlParams(), autopilot)
         self.bridge = Bridge(robot, session, {"link0": self.link}, control, {"crunch": PARAMS.model_dump(mode="json")})
         self.bridge.estimator = InlineEstimator(lambda: PathFilter(PARAMS.filter_params(), 0, 1), self.bridge.believe)
+
+    def make_robot(self) -> Crunch:
+        """The robot; another session may have another."""
+        return Crunch(PARAMS)
 
     def advance(self, seconds: float) -> None:
         """Let time pass for robot and host alike."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import struct
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
-from server.stream import WINDOW_BYTES, WINDOW_FRAMES, Hub, Viewer, decode, encode
+from server.stream import WINDOW_BYTES, WINDOW_FRAMES, WINDOW_OF_A_TOPIC, Hub, Viewer, decode, encode
 from server.layers import pack_curves
 from server.views import probabilities
 
@@ -67,14 +68,14 @@ def numbers(sent: list[bytes]) -> list[int]:
 def test_the_window_holds_back_and_the_newest_replaces_the_older():
     async def story():
         viewer, sent = make_viewer()
-        for n in range(WINDOW_FRAMES):
+        for n in range(WINDOW_OF_A_TOPIC):
             viewer.put("pose", encode("pose", {"n": n}))
             await turn(viewer)
-        assert numbers(sent) == list(range(WINDOW_FRAMES))
+        assert numbers(sent) == list(range(WINDOW_OF_A_TOPIC))
         for n in range(100, 200):
             viewer.put("pose", encode("pose", {"n": n}))
             await turn(viewer)
-        assert len(sent) == WINDOW_FRAMES, "nothing goes out while nothing is acknowledged"
+        assert len(sent) == WINDOW_OF_A_TOPIC, "nothing goes out while nothing is acknowledged"
         viewer.acknowledge(1)
         await turn(viewer)
         assert numbers(sent)[-1] == 199, "what goes next is the present, not what waited longest"
@@ -83,18 +84,77 @@ def test_the_window_holds_back_and_the_newest_replaces_the_older():
     asyncio.run(story())
 
 
-def test_the_window_counts_bytes_too_and_a_large_frame_still_goes_alone():
+def test_the_window_counts_frames_of_all_topics():
     async def story():
         viewer, sent = make_viewer()
+        for n in range(3 * WINDOW_FRAMES):
+            viewer.put(f"topic-{n}", encode(f"topic-{n}", {"n": n}))
+        await turn(viewer)
+        assert len(sent) == WINDOW_FRAMES
+        viewer.acknowledge(WINDOW_FRAMES)
+        await turn(viewer)
+        assert len(sent) == 2 * WINDOW_FRAMES
+
+    asyncio.run(story())
+
+
+def test_a_frame_larger_than_the_window_goes_alone_and_only_poses_overtake_it():
+    async def story():
+        viewer, sent = make_viewer()
+        half = {"x": np.zeros(WINDOW_BYTES // 2, np.uint8)}
         large = {"x": np.zeros(2 * WINDOW_BYTES, np.uint8)}
-        viewer.put("map", encode("map", {"n": 0}, large))
+        viewer.put("local", encode("local", {"n": 0}, half))
         await turn(viewer)
-        viewer.put("pose", encode("pose", {"n": 1}))
+        viewer.put("path", encode("path", {"n": 1}, large))
         await turn(viewer)
-        assert numbers(sent) == [0]
+        for topic, n in (("histogram", 2), ("pose", 3), ("local", 4)):
+            viewer.put(topic, encode(topic, {"n": n}))
+            viewer.last_sent[topic] = viewer.sequence  # the large one has waited longest
+        await turn(viewer)
+        assert numbers(sent) == [0, 3]
         viewer.acknowledge(1)
         await turn(viewer)
-        assert numbers(sent) == [0, 1]
+        assert numbers(sent) == [0, 3, 1], "what is small and fresh may be under way"
+        viewer.put("pose", encode("pose", {"n": 5}))
+        await turn(viewer)
+        assert numbers(sent) == [0, 3, 1, 5]
+        viewer.acknowledge(3)
+        await turn(viewer)
+        assert sorted(numbers(sent)[4:]) == [2, 4]
+
+    asyncio.run(story())
+
+
+def test_tiles_take_turns_with_the_other_topics():
+    async def story():
+        viewer, sent = make_viewer()
+        tile = {"x": np.zeros(2000, np.uint8)}
+        for n in range(40):
+            viewer.put(f"tile/{n}", encode(f"tile/{n}", {"n": n}, tile))
+        for n in range(200):
+            for topic in ("pose", "status", "local"):
+                viewer.put(topic, encode(topic, {"n": n}, tile if topic == "local" else {}))
+            await turn(viewer)
+            viewer.acknowledge(viewer.sequence)
+        topics = [decode(data)[1]["topic"] for data in sent]
+        tiles = [at for at, topic in enumerate(topics) if topic.startswith("tile")]
+        assert [topics[at] for at in tiles] == [f"tile/{n}" for n in range(40)]
+        for first, last in zip(tiles[:-4:4], tiles[4::4], strict=False):
+            assert {"pose", "status", "local"} <= set(topics[first:last])
+
+    asyncio.run(story())
+
+
+def test_traffic_is_counted_by_topic():
+    async def story():
+        viewer, sent = make_viewer()
+        for topic in ("pose", "tile/0", "tile/1", "notice"):
+            viewer.put(topic, encode(topic, {"n": 0}))
+        await turn(viewer)
+        counted: Counter[str] = Counter()
+        for data in sent:
+            counted[decode(data)[1]["topic"].partition("/")[0]] += len(data)
+        assert viewer.bytes_by_topic == counted
 
     asyncio.run(story())
 
@@ -140,6 +200,38 @@ def test_who_joins_sees_the_present_at_once():
         hub.publish("map", {"n": 6})
         await turn(viewer)
         assert numbers(sent) == [5]
+
+    asyncio.run(story())
+
+
+def test_what_is_as_it_was_is_not_sent_again():
+    async def story():
+        hub = Hub()
+        viewer, sent = make_viewer()
+        hub.join(viewer)
+        for n in (1, 1, 2, 2, 1):
+            hub.publish("labels", {"n": n})
+            await turn(viewer)
+            viewer.acknowledge(viewer.sequence)
+        assert numbers(sent) == [1, 2, 1]
+
+    asyncio.run(story())
+
+
+def test_another_session_makes_viewers_forget():
+    async def story():
+        hub = Hub()
+        viewer, sent = make_viewer()
+        hub.join(viewer)
+        hub.publish("tile/0", {"n": 1})
+        hub.publish("path", {"n": 1})
+        hub.begin()
+        hub.publish("path", {"n": 2})
+        await turn(viewer)
+        headers = [decode(data)[1] for data in sent]
+        assert [header["topic"] for header in headers] == ["notice", "path"]
+        assert headers[0]["kind"] == "begin"
+        assert list(hub.newest) == ["path"]
 
     asyncio.run(story())
 
