@@ -11,9 +11,11 @@ import { Help } from "./help.js";
 import { HistogramView } from "./histogram.js";
 import { Library } from "./library.js";
 import { LocalView } from "./local.js";
+import { PlaceNames } from "./labels.js";
 import { Switches } from "./layers.js";
 import { MapView } from "./map.js";
 import { listenToKeys } from "./map_keys.js";
+import { MapsPane } from "./maps.js";
 import { ProfileView } from "./profile.js";
 import { Recordings } from "./recordings.js";
 import { Replay, askedRecording, streamOf } from "./replay.js";
@@ -39,11 +41,13 @@ const profile = new ProfileView($("profile"));
 const map = new MapView($("map"), connection, proposeGoal);
 listenToKeys(map, proposeGoal);
 const goals = new GoalCard($("goal-card"), map, driver);
+const names = new PlaceNames($("goal-card"), map, () => goals.drop());
 const switches = new Switches($("map-layers"), $("map-layers-open"));
 new RouteState($("map").parentElement, connection);
 new Suggestions($("suggestions"), connection, proposeGoal);
 const library = new Library($("library"));
 new Recordings($("recordings-pane"), connection);
+const maps = new MapsPane($("maps-pane"), replay === null);
 const help = new Help($("hint"), $("help"));
 offerThemes($("theme"));
 const page = { status: null, pose: null, driver, connection, map, replay }; // what the browser's console can look at
@@ -174,6 +178,7 @@ function bannerText() {
 function proposeGoal(place) {
   if (replay) return;
   goals.propose(place);
+  names.offer(place);
 }
 
 $("cancel").onclick = () => driver.cancelGoal();
@@ -190,6 +195,8 @@ $("library-open").onclick = () => library.open();
 $("map-fit").onclick = () => map.fit();
 $("map-in").onclick = () => map.zoom(1.35);
 $("map-out").onclick = () => map.zoom(1 / 1.35);
+$("map-save").hidden = replay !== null;
+$("map-save").onclick = () => maps.save();
 
 $("menu-open").onclick = () => openMenu(!$("menu").classList.contains("open"));
 document.addEventListener("click", ({ target }) => !$("menu-open").contains(target) && openMenu(false));
