@@ -37,7 +37,7 @@ from server.views import SessionStatus
 FRAME_PERIOD = 0.05  # s of the session between two looks
 COMMIT_PERIOD = 0.25  # s of the renderer between two words to those who wait
 LONGEST_SILENCE = 5.0  # s of the session that are rendered while nothing comes; a longer pause is jumped over
-NICENESS = 10  # the session that runs beside it comes first
+NICENESS = 5  # the session that runs beside it comes first
 
 Tell = Callable[[Progress], None]
 
@@ -177,6 +177,7 @@ def render(path: Path, writer: CacheWriter, tell: Tell = lambda progress: None) 
     duration = max((record.t for record in records), default=0.0)
     rendering = Rendering(reader, configuration(reader.header), writer.add)
     note = note_of(reader)
+    writer.commit(Progress(0.0, duration, note=note))
     told = time.monotonic()
     for record in records:
         rendering.take(record)

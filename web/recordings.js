@@ -2,7 +2,7 @@
 
 import { element } from "./elements.js";
 import { icon } from "./icons.js";
-import { ask } from "./rest.js";
+import { ask, sentence } from "./rest.js";
 import { clockTime, dateTime, fileSize } from "./times.js";
 import { toast } from "./toast.js";
 
@@ -185,8 +185,4 @@ function path(recording) {
 function badges({ running, truncated, damaged }) {
   const words = [running && "recording now", truncated && !running && "cut", damaged > 0 && "damaged"].filter(Boolean);
   return words.map((word) => element("span", { class: "badge" }, word));
-}
-
-function sentence(text) {
-  return text[0].toUpperCase() + text.slice(1);
 }

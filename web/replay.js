@@ -31,7 +31,6 @@ export class Replay {
     connection.addEventListener("replay", ({ detail }) => this.show(detail.header));
     addEventListener("keydown", (event) => this.press(event), { capture: true });
     addEventListener("keyup", (event) => event.code === "Space" && !isTyping(event.target) && event.preventDefault(), { capture: true });
-    this.name();
   }
 
   build(bar) {
@@ -63,15 +62,12 @@ export class Replay {
 
   /** People's name for the recording, where it has one. */
   async name() {
-    try {
-      const { name } = await ask(`recordings/${encodeURIComponent(this.recording)}`);
-      if (name) this.title.textContent = name;
-    } catch {
-      // the stream tells why there is none
-    }
+    const { name } = await ask(`recordings/${encodeURIComponent(this.recording)}`).catch(() => ({ name: "" }));
+    if (name) this.title.textContent = name;
   }
 
   show(state) {
+    if (!this.state) this.name();
     this.state = state;
     this.label(state.playing);
     this.slider.max = Math.max(state.duration, 0.1);
