@@ -145,7 +145,7 @@ def test_space_stops_for_everyone_until_the_driver_resumes(served: Served, visit
     wait_until(lambda: served.status()["driver"]["stopped_by"])
     driver.wait("!document.getElementById('banner').hidden")
     assert "Resume" in driver.page.inner_text("#banner")
-    driver.page.wait_for_selector("#toasts p")
+    driver.page.wait_for_selector("#toasts .toast")
     wait_until(lambda: distance_in(served, 0.5) < 0.02)
     driver.page.keyboard.up("w")
     driver.page.click("#resume")
@@ -162,7 +162,7 @@ def test_the_button_stops_too_and_only_the_driver_resumes(served: Served, visit:
     wait_until(lambda: served.status()["driver"]["stopped_by"])
     one.page.keyboard.up("w")
     two.page.click("#resume")
-    two.page.wait_for_selector("#toasts")
+    two.page.wait_for_selector("#toasts .toast")
     assert served.status()["driver"]["stopped_by"]
     one.page.click("#resume")
     one.wait(f"{DRIVER}.stopped_by === null")
