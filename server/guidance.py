@@ -43,11 +43,11 @@ def suggestions_view(suggestions: Sequence[Suggestion]) -> View:
 def described(suggestion: Suggestion) -> dict[str, float | str]:
     """One suggestion, for programs and for people."""
     x, y = rounded(suggestion.place)
-    gain = f"{suggestion.gain:.1f} m" if suggestion.gain >= 0.95 else f"{100.0 * suggestion.gain:.0f} cm"
+    surer = f"{suggestion.gain:.1f} m" if suggestion.gain >= 0.95 else f"{100.0 * suggestion.gain:.0f} cm"
     return {
         "x": x,
         "y": y,
         "gain_m": round(suggestion.gain, 2),
         "drive_m": round(suggestion.drive, 1),
-        "text": f"Drive {suggestion.drive:.0f} m to see this place again: the uncertain stretch would be {gain} surer.",
+        "text": f"Drive {suggestion.drive:.0f} m to here, then on along the old path: the map gets {surer} surer.",
     }

@@ -173,12 +173,12 @@ class Navigator:
         way = work.result()
         if look().goal is None:
             return []
-        if way.reason and self.standing.state != "driving":
+        if way.reason and (self.standing.state != "driving" or self.failures):
             return self.give_up(way.reason, t, control)
         self.stand("driving", t)
         if way.route is None:
             return []  # the way that it drives is good, or if not, `watch` sees that no way is made
-        self.shortest = math.inf
+        self.shortest = way.route.metres
         places = [(float(x), float(y)) for x, y in way.route.places]
         return [Goal(t, places[-1], goal.speed, tuple(places[:-1]))]
 

@@ -1,8 +1,8 @@
 """Where to drive so that an uncertain stretch of the path is seen again: what it would settle, against the way there.
 
-Standing at an old vertex's place again, the walls tell where that vertex lies as seen from the robot. What this would
-settle follows from the branches of the path tree as samples of all paths: to first order, a measurement takes from
-every vertex's covariance what it shares with the measured place.
+Standing at an old vertex's place again, the walls tell where that vertex lies as seen from the robot, and how it is
+turned. What this would settle follows from the branches of the path tree as samples of all paths: to first order, a
+measurement takes from every vertex's covariance what it shares with the measured place.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from slam.params import Params
+from slam.pose import between
 from slam.uncertainty import Branches
 
 
@@ -21,6 +22,7 @@ class SuggestionParams(Params):
     """When a place is worth the way, and how many are named."""
 
     sigma: float = Field(default=0.1, gt=0.0)  # m, of where a place seen again is said to be
+    turn_sigma: float = Field(default=0.1, gt=0.0)  # rad, of how it is said to be turned
     least_gain: float = Field(default=0.15, gt=0.0)  # m
     farthest: float = Field(default=80.0, gt=0.0)  # m to drive
     fixed_way: float = Field(default=4.0, gt=0.0)  # m added to every way, so that a near place of no worth stays behind
@@ -48,25 +50,26 @@ def sampled_paths(branches: Branches) -> np.ndarray:
     return paths
 
 
-def gains(paths: np.ndarray, sigma: float) -> np.ndarray:
+def gains(paths: np.ndarray, noise: tuple[float, float, float]) -> np.ndarray:
     """By how many m (v,) seeing each vertex again from the newest would lower the spread of the uncertain stretch.
 
-    That stretch is where the spread is at least half of its greatest; the gain is the mean along it.
+    That stretch is where the spread is at least half of its greatest; the gain is the mean along it. `noise` are the
+    standard deviations of x, y and heading of a place seen again.
     """
     places = paths[..., :2] - paths[..., :2].mean(axis=0)
     variances = np.mean(np.sum(places**2, axis=2), axis=0)
     is_uncertain = variances >= 0.25 * variances.max()
     stretch = places[:, is_uncertain].reshape(len(paths), -1)
-    cos, sin = np.cos(paths[:, -1:, 2]), np.sin(paths[:, -1:, 2])
-    x, y = np.moveaxis(paths[..., :2] - paths[:, -1:, :2], 2, 0)
-    seen = np.stack([cos * x + sin * y, cos * y - sin * x], axis=2)
+    seen = between(paths[:, -1:], paths)
+    headings = np.exp(1j * seen[..., 2])
     seen -= seen.mean(axis=0)
+    seen[..., 2] = np.angle(headings / headings.mean(axis=0))
     found = np.empty(paths.shape[1])
     for vertex in range(paths.shape[1]):
         measured = seen[:, vertex]
-        noisy = measured.T @ measured / len(paths) + sigma**2 * np.eye(2)
+        noisy = measured.T @ measured / len(paths) + np.diag(np.square(noise))
         shared = np.linalg.solve(np.linalg.cholesky(noisy), measured.T @ stretch / len(paths))
-        settled = np.sum((shared**2).reshape(2, -1, 2), axis=(0, 2))
+        settled = np.sum((shared**2).reshape(3, -1, 2), axis=(0, 2))
         left = np.maximum(variances[is_uncertain] - settled, 0.0)
         found[vertex] = np.mean(np.sqrt(variances[is_uncertain]) - np.sqrt(left))
     return found
@@ -78,7 +81,7 @@ def suggest(path: np.ndarray, branches: Branches, drives: np.ndarray, params: Su
     n = min(len(path), paths.shape[1])
     if len(paths) < 2 or n < 2:
         return []
-    gained = gains(paths, params.sigma)[:n]
+    gained = gains(paths, (params.sigma, params.sigma, params.turn_sigma))[:n]
     worth = np.where(
         (gained >= params.least_gain) & (drives[:n] <= params.farthest), gained / (drives[:n] + params.fixed_way), 0.0
     )
