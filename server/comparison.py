@@ -13,10 +13,8 @@ from pydantic import BaseModel, Field
 from server.map_picture import draw_pair
 from server.maps import FloorMap
 from server.survey import Survey, floor_of
-from slam.map_alignment import TOLERANCE, agreement, align, moved, walls_of
+from slam.map_alignment import NO_MOTION, TOLERANCE, agreement, align, moved, walls_of
 from slam.pose import compose, transform
-
-NO_MOTION = np.zeros(3)
 
 
 class Comparison(BaseModel):
@@ -38,11 +36,14 @@ class Comparison(BaseModel):
         return np.array([self.x, self.y, self.theta])
 
 
-def compare(first: Survey, second: Survey, is_aligned: bool = True) -> Comparison:
-    """Two surveys, each in its own frame; without alignment the frames are taken to be the same."""
-    walls = [walls_of(floor_of(survey, has_grid=False).walls) for survey in (first, second)]
-    pose = align(*walls) if is_aligned else NO_MOTION
-    found = agreement(walls[0], moved(walls[1], pose))
+def compare(first: Survey, second: Survey, is_aligned: bool = True, guess: np.ndarray = NO_MOTION) -> Comparison:
+    """Two surveys, each in its own frame, the second's near `guess` (3,) in the first's unless the walls say otherwise.
+
+    Without alignment the frames are taken to be the same.
+    """
+    ours, theirs = (walls_of(floor_of(survey, has_grid=False).walls) for survey in (first, second))
+    pose = align(ours, theirs, guess) if is_aligned else NO_MOTION
+    found = agreement(ours, moved(theirs, pose))
     x, y, theta = (round(float(part), 5) for part in pose)
     return Comparison(
         x=x,
@@ -59,9 +60,8 @@ def known(figure: float) -> float | None:
     return round(figure, 4) if math.isfinite(figure) else None
 
 
-def comparison_png(first: Survey, second: Survey, is_aligned: bool, names: tuple[str, str]) -> bytes:
-    """Both maps in the first one's frame."""
-    found = compare(first, second, is_aligned)
+def comparison_png(first: Survey, second: Survey, found: Comparison, names: tuple[str, str]) -> bytes:
+    """Both maps in the first one's frame, as they were found to lie."""
     pose = found.pose()
     other = floor_of(second, has_grid=False)
     laid = FloorMap(compose(pose, other.path), [transform(pose, curve) for curve in other.walls], other.settled)

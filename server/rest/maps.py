@@ -19,6 +19,8 @@ from server.rest.answers import refusal
 from server.rest.files import Press, asked, documented
 from server.rest.present import present_survey
 from server.survey import Survey, in_frame
+from slam.map_alignment import NO_MOTION
+from slam.pose import between
 
 Answers = dict[int | str, dict[str, Any]]
 
@@ -163,7 +165,7 @@ def add_comparing(router: APIRouter, store: MapStore) -> None:
     async def figures(number: Number, other: Other, align: Align = True) -> Comparison:
         """How the second map lies in the first one's frame, and which share of each one's walls the other has too."""
         first, second = await asked(store.info, number), await asked(store.info, other)
-        return await asked(lambda: compare(framed(store, first), framed(store, second), align))
+        return await asked(compared, store, first, second, align)
 
 
 def framed(store: MapStore, kept: StoredMap) -> Survey:
@@ -177,9 +179,17 @@ def export(store: MapStore, kept: StoredMap, name: str) -> bytes:
     return FORMATS[name].make(Sheet(framed(store, kept), labels, kept.name, stem_of(kept.name)))
 
 
+def compared(store: MapStore, first: StoredMap, second: StoredMap, is_aligned: bool) -> Comparison:
+    """How two saved maps lie to each other; those of one recording are of one world."""
+    same = bool(first.recording) and first.recording == second.recording
+    guess = between(first.frame.pose(), second.frame.pose()) if same else NO_MOTION
+    return compare(framed(store, first), framed(store, second), is_aligned, guess)
+
+
 def draw_compared(store: MapStore, first: StoredMap, second: StoredMap, is_aligned: bool) -> bytes:
     """Two saved maps in one picture."""
-    return comparison_png(framed(store, first), framed(store, second), is_aligned, (first.name, second.name))
+    found = compared(store, first, second, is_aligned)
+    return comparison_png(framed(store, first), framed(store, second), found, (first.name, second.name))
 
 
 def straightened(store: MapStore, number: int) -> StoredMap:

@@ -69,6 +69,14 @@ def test_agreement_counts_walls_within_the_tolerance_both_ways():
     assert all(math.isnan(share) for share in agreement(line, walls_of([]))[:2])
 
 
+def test_where_the_walls_do_not_tell_the_guess_does():
+    room = walls_of([np.array([[-3.0, -1.0], [3.0, -1.0], [3.0, 1.0], [-3.0, 1.0], [-3.0, -1.0]])])
+    for guess in (np.array([0.1, -0.1, 0.05]), np.array([0.1, -0.1, math.pi - 0.05])):
+        found = align(room, noisy(room, 4), guess)
+        assert abs(math.remainder(found[2] - guess[2], 2.0 * math.pi)) < 0.1
+        assert np.hypot(*found[:2]) < 0.02
+
+
 def test_maps_without_walls_are_left_where_they_are():
     wall = walls_of(BUILDING)
     np.testing.assert_array_equal(align(wall, walls_of([])), np.zeros(3))
