@@ -18,6 +18,7 @@ from tests.server.live_session import PARAMS, STEP, HandSession
 
 FRAME_PERIOD = 0.05  # s
 SPACING = 0.5  # m between two vertices
+REACH = 1.8  # m that walls are seen from the middle of a corridor
 
 
 class LongDrive(Crunch):
@@ -53,8 +54,8 @@ def corridors(n_vertices: int) -> tuple[np.ndarray, list[list[np.ndarray]], list
         exact = 1.0 / np.abs(np.sin(angles))
     walls = []
     for _ in range(n_vertices):
-        distances = np.where(exact < 3.0, exact + rng.normal(0.0, 0.01, 120), np.inf)
-        walls.append(Walls(distances, np.minimum(distances, 3.0)))
+        distances = np.where(exact < REACH, exact + rng.normal(0.0, 0.01, 120), np.inf)
+        walls.append(Walls(distances, np.minimum(distances, REACH)))
     return path, [curves(seen) for seen in walls], walls
 
 

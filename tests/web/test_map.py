@@ -31,12 +31,17 @@ MAGENTA = """(() => {
 })()"""
 
 
-def throttle(watched: Watched, bytes_per_second: int) -> None:
-    """A line of so many bytes a second down, with 40 ms of latency."""
-    session = watched.page.context.new_cdp_session(watched.page)
-    session.send("Network.enable")
-    limits = {"offline": False, "latency": 40, "downloadThroughput": bytes_per_second, "uploadThroughput": 30_000}
-    session.send("Network.emulateNetworkConditions", limits)
+class Line:
+    """The browser's line to the server, which a test makes thin."""
+
+    def __init__(self, watched: Watched):
+        self.session = watched.page.context.new_cdp_session(watched.page)
+        self.session.send("Network.enable")
+
+    def limit(self, bytes_per_second: int) -> None:
+        """So many bytes a second down, with 40 ms of latency; -1 is without a limit."""
+        limits = {"offline": False, "latency": 40, "downloadThroughput": bytes_per_second, "uploadThroughput": THIN}
+        self.session.send("Network.emulateNetworkConditions", limits)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +107,7 @@ def test_a_long_map_is_whole_and_follows_what_is_believed(long_drive: Hosted, vi
     page.wait(f"crunch.map.map?.path.length === {LONG}")
     page.wait(f"crunch.map.walls.seen.filter(Boolean).length === {LONG}")
     sent = page.value("crunch.map.walls.count")
-    assert sent == sum(len(curves) for curves in long_drive.bridge.look().vertex_curves)
+    assert sent == sum(len(curve) > 1 for curves in long_drive.bridge.look().vertex_curves for curve in curves)
     page.page.click("#map-fit")
     robot = long_drive.bridge.robot
     viewer = next(iter(long_drive.bridge.hub.viewers.values()))
@@ -132,7 +137,7 @@ def test_a_long_map_is_drawn_anew_with_every_frame_of_a_drag(long_drive: Hosted,
 
 def test_the_picture_stays_fresh_while_a_long_map_comes_over_a_thin_line(long_drive: Hosted, visit: Open):
     page = dismiss(visit(long_drive))
-    throttle(page, THIN)
+    Line(page).limit(THIN)
     page.value("crunch.connection.socket.close()")  # everything comes again, over the thin line
     page.wait("!crunch.connection.isOpen")
     ages = []
@@ -145,9 +150,10 @@ def test_the_picture_stays_fresh_while_a_long_map_comes_over_a_thin_line(long_dr
     for _ in range(100):
         page.page.wait_for_timeout(50)
         ages.append(page.value("crunch.connection.age"))
-    known = [age for age in ages if age is not None and age < 1e9]
+    known = np.array([age for age in ages if age is not None and age < 1e9])
     assert len(known) > 50
-    assert max(known) < 1.0
+    assert np.quantile(known, 0.95) < 1.0
+    assert known.max() < 1.5, "nobody was kept from driving"
     assert page.page.inner_text("#chip-age b").endswith("ms"), "it is shown"
     assert not page.value("crunch.driver.isLocked")
 
@@ -178,9 +184,10 @@ def test_a_line_that_hardly_moves_locks_driving(browser, visit: Open):
     with Hosted().served() as hosted:
         page = dismiss(visit(hosted))
         page.wait("!crunch.driver.isLocked")
-        throttle(page, 400)
+        line = Line(page)
+        line.limit(400)
         page.wait("crunch.driver.isLocked && crunch.connection.isOpen")
-        throttle(page, 10_000_000)
+        line.limit(-1)
         page.wait("!crunch.driver.isLocked")
 
 
