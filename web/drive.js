@@ -80,12 +80,13 @@ export class Driver {
 
   hold(source, forward, left) {
     if (this.isLocked) return;
-    const isNew = this.source === null;
+    const [before, wish] = [this.wish, [clamp(forward), clamp(left)]];
+    const isNews = this.source === null || (source === "keys" && String(wish) !== String(before)); // a stick: at the next turn
     this.source = source;
-    this.wish = [clamp(forward), clamp(left)];
+    this.wish = wish;
     this.hasGoal = false;
     this.showKnob();
-    if (isNew) this.sendWish();
+    if (isNews) this.sendWish();
   }
 
   letGo() {

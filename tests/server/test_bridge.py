@@ -152,3 +152,34 @@ def test_status_tells_link_battery_and_filter():
     assert set(status.robot.boards) == {"drive", "sensor"}
     assert status.filter.particles == 100
     assert abs(status.robot.tilt_rad) < 0.2
+
+
+def test_shared_driving_halts_before_the_wall_and_spares_the_radio():
+    session = HandSession(width=5.0, height=3.0)
+    session.advance(1.0)
+    written = []
+    session.link.write = lambda data: written.append(data) or session.virtual.write(data) or True
+    for _ in range(150):  # 12 s
+        word = DriveWord(type="drive", speed=0.3, turn=0.0, seen=session.bridge.t, shared=True)
+        session.bridge.hear("anna", word)
+        session.advance(0.08)
+    assert session.virtual.pose[0] > 1.0, "it went towards the wall at 2.5 m"
+    assert session.virtual.world.clearances(session.virtual.pose[None, :2], 1.0)[0] > 0.2
+    assert len(written) / 12.0 < 14.0, "commands a second: words, and sweeps only between them"
+    assert session.bridge.status().driver.shared
+    session.advance(1.0)
+    assert not session.bridge.status().driver.shared
+    assert session.bridge.status().stops[0].reason == "the driver fell silent"
+
+
+def test_viewers_hear_at_once_who_asks_and_who_drives():
+    session = HandSession()
+    drive(session, 0.3)
+    shown = []
+    session.bridge.publish_status = lambda: shown.append(session.bridge.status().driver)
+    session.bridge.hear("ben", PlainWord(type="ask"))
+    assert (shown[-1].viewer, shown[-1].asked_by, shown[-1].answer_s) == ("anna", "ben", 10.0)
+    with pytest.raises(Refused, match="ask for control"):
+        drive_for(session, 11.0, 0.1)  # drives on without an answer
+    assert session.bridge.t > 10.0
+    assert (shown[-1].viewer, shown[-1].asked_by, shown[-1].answer_s) == ("ben", None, None)

@@ -148,3 +148,12 @@ def test_the_driver_chooses_whether_obstacles_bend_the_way(served: Served, visit
         page.wait(f"!{DRIVER}.leased")
     page.page.reload()
     assert not page.page.is_checked("#shared"), "it is remembered"
+
+
+def test_the_page_says_when_an_obstacle_bends_the_way(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.page.keyboard.down("w")
+    page.wait("/obstacle|ahead/.test(document.getElementById('assist').textContent)")
+    page.page.keyboard.up("w")
+    page.wait("document.getElementById('assist').hidden")

@@ -1,0 +1,31 @@
+"""The log of stops: the newest are kept, boards and links are noticed, standing still without a driver is no stop."""
+
+from server.stops import KEPT, StopLog
+
+
+def told(log: StopLog) -> list[tuple[float, str, str]]:
+    """Newest first."""
+    return [(entry.t, entry.reason, entry.by) for entry in log.newest()]
+
+
+def test_only_the_newest_are_kept_newest_first():
+    log = StopLog()
+    for t in range(KEPT + 5):
+        log.note(float(t), "pressed Stop", "anna")
+    assert [t for t, _, _ in told(log)] == [float(t) for t in reversed(range(5, KEPT + 5))]
+
+
+def test_a_boards_stop_is_told_once_each_time_it_happens():
+    log = StopLog()
+    reasons = [None, "boot", "none", "fell", "fell", "none", "fell", "link", "command", "stall"]
+    for t, reason in enumerate(reasons):
+        log.watch(float(t), reason, is_connected=True)
+    board = "drive board"
+    assert told(log) == [(9.0, "stall", board), (6.0, "fell", board), (3.0, "fell", board)]
+
+
+def test_a_lost_link_is_told_and_one_that_is_not_yet_there_is_not():
+    log = StopLog()
+    for t, is_connected in enumerate([False, False, True, True, False, False, True]):
+        log.watch(float(t), None, is_connected)
+    assert told(log) == [(4.0, "connection lost", "link")]
