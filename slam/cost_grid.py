@@ -32,9 +32,12 @@ class CostParams(Params):
         default=0.25, gt=0.0, le=1.0
     )  # of the vertices that looked at a cell and saw a wall in it
     jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring rays that part two curves
-    certain: float = Field(default=1.0, gt=0.0)  # log odds from which the local map overrules the vertices
-    clearance: float = Field(default=0.16, gt=0.0)  # m from a wall below which the robot's centre cannot be
-    comfort: float = Field(default=0.45, gt=0.0)  # m from a wall below which a metre costs more
+    occupied: float = Field(
+        default=0.6, gt=0.0
+    )  # log odds of the local map from which there is a wall, whoever saw none
+    free: float = Field(default=-1.0, lt=0.0)  # log odds of the local map up to which there is none
+    clearance: float = Field(default=0.18, gt=0.0)  # m from a wall below which the robot's centre cannot be
+    comfort: float = Field(default=0.5, gt=0.0)  # m from a wall below which a metre costs more
     near_cost: float = Field(default=5.0, ge=0.0)  # added at the clearance, falling to none at the comfort
     unknown_cost: float = Field(default=4.0, ge=1.0)
 
@@ -142,7 +145,7 @@ def cost_grid(
     is_wall = (counts[1] > 0) & (counts[1] >= params.wall_share * counts.sum(axis=0))
     is_known: np.ndarray = counts.sum(axis=0) > 0
     if around is not None:
-        overrule(is_wall, is_known, around, low, resolution, params.certain)
+        overrule(is_wall, is_known, around, low, resolution, params)
     room = distance_field(is_wall, resolution)
     return CostGrid(price(room, is_known, params), room, resolution, float(low[0]), float(low[1]))
 
@@ -162,11 +165,16 @@ def seen_box(
 
 
 def overrule(
-    is_wall: np.ndarray, is_known: np.ndarray, around: Surroundings, low: np.ndarray, resolution: float, certain: float
+    is_wall: np.ndarray,
+    is_known: np.ndarray,
+    around: Surroundings,
+    low: np.ndarray,
+    resolution: float,
+    params: CostParams,
 ) -> None:
     """Put what the local map is certain of into the grid: free cells first, so that a wall beside them stays."""
     grid = around.grid
-    for is_there, makes_wall in ((grid.cells < -certain, False), (grid.cells > certain, True)):
+    for is_there, makes_wall in ((grid.cells < params.free, False), (grid.cells > params.occupied, True)):
         rows, columns = np.nonzero(is_there)
         centres = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution + np.array([grid.x, grid.y])
         world = transform(around.pose, transform(inverse(around.pose_in_grid), centres))

@@ -16,7 +16,7 @@ from tests.server.executors import AtOnce
 from tests.server.live_session import PARAMS, HandSession
 
 BODY = 0.076  # m, the robot's radius
-HALL = rectangle(0.0, 0.0, 6.0, 4.0)
+HALL = rectangle(0.0, 0.0, 7.0, 5.4)
 POCKET = np.array([[-1.0, -1.5, 1.5, -1.5], [1.5, -1.5, 1.5, 1.5], [1.5, 1.5, -1.0, 1.5]])  # open where it came from
 RING = np.vstack([rectangle(0.0, 0.0, 8.0, 6.0), rectangle(0.0, 0.0, 5.2, 3.2)])  # a corridor 1.4 m wide
 
@@ -24,7 +24,7 @@ RING = np.vstack([rectangle(0.0, 0.0, 8.0, 6.0), rectangle(0.0, 0.0, 5.2, 3.2)])
 class Loop(HandSession):
     """A robot in a world of its own, whose plans are made at once."""
 
-    def __init__(self, world: World, drift: Literal["low", "medium", "high"] = "low", particles: int = 100):
+    def __init__(self, world: World, drift: Literal["low", "medium", "high"] = "low", particles: int = 200):
         super().__init__()
         self.virtual = self.link.robot = VirtualCrunch(world, seed=1, drift=drift)
         chosen = PARAMS.filter_params().model_copy(update={"particles": particles})
@@ -58,10 +58,10 @@ def test_the_planner_leaves_a_pocket_in_which_sight_is_caught():
     behind = (2.3, 0.0)
     caught = Loop(place)
     assert not caught.go(behind, 60.0, plan=False)
-    assert caught.away(behind) > 0.7
+    assert caught.away(behind) > 0.75
     planned = Loop(place)
     assert planned.go(behind, 120.0), planned.bridge.navigator.standing
-    assert planned.away(behind) < 0.45
+    assert planned.away(behind) < 0.7, "its radius, and 5% of the way"
     assert planned.nearest_wall > BODY
     assert planned.virtual.state == "armed"
 
