@@ -94,8 +94,8 @@ class Layers:
 class Tiles:
     """The walls of 16 vertices at a time, each in its vertex's own frame, as topics `tile/0`, `tile/1`, ...
 
-    What a vertex saw never changes: only a tile that got a vertex more is sent again, and viewers put the walls where the
-    path has their vertices now.
+    What a vertex saw never changes: only a tile that got a vertex more is sent again, and viewers put the walls where
+    the path has their vertices now.
     """
 
     def __init__(self, hub: Hub):

@@ -1,10 +1,11 @@
 """Binary frames to the page, and a window that keeps them fresh: the newest replaces the older, per topic.
 
 A frame is `u32 sequence, u32 size of the header, header (JSON, padded with spaces), arrays`, little-endian; the arrays
-start at a multiple of eight bytes, each padded to eight. The header's `arrays` lists (name, dtype, shape) in order. At
-most 12 frames or 8 kB are under way, and 3 of a topic; the page acknowledges what it has shown, and what waits meanwhile
-is replaced, so that a slow line shows fewer pictures and not old ones: at 30 kB/s the window is 0.3 s. Knows no robot and
-no web framework.
+start at a multiple of eight bytes, each padded to eight. The header's `arrays` lists (name, dtype, shape) in order.
+
+At most 12 frames or 8 kB are under way, and 3 of a topic; the page acknowledges what it has shown, and what waits
+meanwhile is replaced, so that a slow line shows fewer pictures and not old ones: at 30 kB/s the window is 0.3 s. Knows
+no robot and no web framework.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Leave out what a curve does not need: points that lie within a tolerance of the line that stays (Douglas, Peucker)."""
+"""Leave out what a curve does not need: points within a tolerance of the line that stays (Douglas and Peucker)."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
-from server.stream import WINDOW_BYTES, WINDOW_FRAMES, WINDOW_OF_A_TOPIC, Hub, Viewer, decode, encode
 from server.layers import pack_curves
+from server.stream import WINDOW_BYTES, WINDOW_FRAMES, WINDOW_OF_A_TOPIC, Hub, Viewer, decode, encode
 from server.views import probabilities
 
 TYPES = st.sampled_from(["u1", "<u2", "<i2", "<f4", ">f8", "<i4"])

@@ -1,4 +1,6 @@
-"""A thinned curve stays within its tolerance of every point it leaves out, and needs few points where it is straight."""
+"""A thinned curve stays within its tolerance of what it leaves out, and needs few points where it is straight."""
+
+import itertools
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ def test_kernel_keeps_what_its_twin_keeps(curve, tolerance):
 @given(CURVES, st.floats(0.001, 0.2))
 def test_what_is_left_out_lies_within_the_tolerance(curve, tolerance):
     kept = np.flatnonzero(needed(curve, tolerance))
-    for first, last in zip(kept, kept[1:], strict=False):
+    for first, last in itertools.pairwise(kept):
         for point in range(first, last):
             assert naive.distance(curve[point], curve[first], curve[last]) <= tolerance + 1e-12
 

@@ -32,9 +32,10 @@ class LongDrive(Crunch):
         """The body's present with the long drive's map."""
         n = len(self.path)
         return dataclasses.replace(
-            super().snapshot(), path=self.path, vertex_curves=self.seen_curves, observations=self.seen_walls,
-            particles=self.path[-1:], vertex_times=np.arange(n, dtype=float), vertex_odometry=self.path, profile=np.linspace(0.0, 1.0, n),
-            spread=np.linspace(0.0, 0.6, n), fixed_depth=n // 2,
+            super().snapshot(),
+            path=self.path, vertex_curves=self.seen_curves, observations=self.seen_walls, particles=self.path[-1:],
+            vertex_times=np.arange(n, dtype=float), vertex_odometry=self.path, fixed_depth=n // 2,
+            profile=np.linspace(0.0, 1.0, n), spread=np.linspace(0.0, 0.6, n),
         )  # fmt: skip
 
     def shift(self, x: float, y: float) -> None:

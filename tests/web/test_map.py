@@ -7,7 +7,7 @@ import pytest
 from server.layers import View
 from tests.served import wait_until
 from tests.web.conftest import Open, Watched
-from tests.web.hosted import Hosted
+from tests.web.hosted import Hosted, LongDrive
 from tests.web.test_page import dismiss
 
 LONG = 500  # vertices of a drive of 250 m
@@ -110,6 +110,7 @@ def test_a_long_map_is_whole_and_follows_what_is_believed(long_drive: Hosted, vi
     assert sent == sum(len(curve) > 1 for curves in long_drive.bridge.look().vertex_curves for curve in curves)
     page.page.click("#map-fit")
     robot = long_drive.bridge.robot
+    assert isinstance(robot, LongDrive)
     viewer = next(iter(long_drive.bridge.hub.viewers.values()))
     before = viewer.bytes_by_topic["tile"]
     robot.shift(2.0, 1.0)
