@@ -33,11 +33,12 @@ class Sheet(NamedTuple):
 
 
 class Format(NamedTuple):
-    """How a format is made, its media type, and what it is."""
+    """How a format is made, its media type, what it is, and whether it is drawn, which takes a second."""
 
     make: Callable[[Sheet], bytes]
     media_type: str
     description: str
+    is_drawn: bool = False
 
 
 def png(sheet: Sheet) -> bytes:
@@ -97,14 +98,14 @@ def archive(sheet: Sheet) -> bytes:
 
 ARCHIVED = {"g2o": "path.g2o", "tum": "path.tum", "csv": "profile.csv"}
 FORMATS: dict[str, Format] = {
-    "png": Format(png, "image/png", "a picture"),
+    "png": Format(png, "image/png", "a picture", is_drawn=True),
     "pgm": Format(pgm, "image/x-portable-graymap", "the occupancy map's cells, for ROS's map_server"),
     "yaml": Format(yaml, "application/yaml", "its resolution and origin; names the PGM that belongs beside it"),
     "json": Format(json, "application/json", "path, walls and labels for programs"),
     "g2o": Format(g2o, "text/plain; charset=utf-8", "the pose graph"),
     "tum": Format(tum, "text/plain; charset=utf-8", "the path's vertices with their times"),
     "csv": Format(csv, "text/csv; charset=utf-8", "how settled each vertex is"),
-    "zip": Format(archive, "application/zip", "all of these in one file"),
+    "zip": Format(archive, "application/zip", "all of these in one file", is_drawn=True),
 }
 
 

@@ -1,4 +1,4 @@
-"""Files that are made when they are asked for: off the event loop, one at a time, and not again while nothing changed.
+"""Files that are made when they are asked for: off the event loop, and not again while nothing changed.
 
 Uses its siblings `map_exports` (the formats' names and types) and `map_store` (its errors).
 """
@@ -6,16 +6,19 @@ Uses its siblings `map_exports` (the formats' names and types) and `map_store` (
 from __future__ import annotations
 
 import asyncio
+import os
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
+from anyio import BrokenWorkerProcess, to_process
 from fastapi import HTTPException, Request, Response
 
 from server.map_exports import FORMATS
 from server.map_store import Conflict, NoSuchMap, StoreError
 
 KEPT = 8  # files
+LOW_PRIORITY = 10  # as `nice` counts it
 
 T = TypeVar("T")
 
@@ -32,29 +35,53 @@ async def asked(call: Callable[..., T], *arguments: object) -> T:
         raise HTTPException(503, str(error)) from None
 
 
+async def answer(
+    request: Request, tag: str, name: str, media_type: str, content: Callable[[], Awaitable[bytes]]
+) -> Response:
+    """A file, or 304 where the client has it; `tag` changes when the file does."""
+    headers = {
+        "ETag": f'"{tag}"', "Cache-Control": "no-cache", "Content-Disposition": f'inline; filename="{name}"'
+    }  # fmt: skip
+    if request.headers.get("if-none-match") == headers["ETag"]:
+        return Response(status_code=304, headers=headers)
+    return Response(await content(), media_type=media_type, headers=headers)
+
+
 class Press:
-    """Makes files in a thread and keeps the newest few."""
+    """Makes what takes long, one thing at a time, and keeps the newest few."""
 
     def __init__(self) -> None:
         self.lock = asyncio.Lock()
-        self.made: OrderedDict[str, bytes] = OrderedDict()
+        self.made: OrderedDict[str, Any] = OrderedDict()
 
-    async def answer(
-        self, request: Request, tag: str, name: str, media_type: str, make: Callable[[], bytes]
-    ) -> Response:
-        """The file that `make` makes, or 304 where the client has it; `tag` changes when the file does."""
-        headers = {
-            "ETag": f'"{tag}"', "Cache-Control": "no-cache", "Content-Disposition": f'inline; filename="{name}"'
-        }  # fmt: skip
-        if request.headers.get("if-none-match") == headers["ETag"]:
-            return Response(status_code=304, headers=headers)
+    async def make(self, tag: str, prepare: Callable[[], Callable[[], T]], is_heavy: bool = True) -> T:
+        """What `prepare()()` returns, unless the same tag was made lately.
+
+        `prepare` runs in a thread. What it returns runs there too or, if it is heavy, in a process of its own, so that
+        the event loop, and with it the robot, never waits for a picture; it can be pickled then.
+        """
         async with self.lock:
             if tag not in self.made:
-                self.made[tag] = await asked(make)
+                job = await asked(prepare)
+                self.made[tag] = await apart(job) if is_heavy else await asked(job)
             self.made.move_to_end(tag)
             while len(self.made) > KEPT:
                 self.made.popitem(last=False)
-            return Response(self.made[tag], media_type=media_type, headers=headers)
+            return self.made[tag]
+
+
+async def apart(job: Callable[[], T]) -> T:
+    """What a job returns in another process; 503 where that breaks."""
+    try:
+        return await to_process.run_sync(politely, job)
+    except BrokenWorkerProcess:
+        raise HTTPException(503, "it could not be made this time; try again") from None
+
+
+def politely(job: Callable[[], T]) -> T:
+    """Do a job while nobody else needs the processor."""
+    os.setpriority(os.PRIO_PROCESS, 0, LOW_PRIORITY)
+    return job()
 
 
 def documented(name: str) -> dict[int | str, dict[str, Any]]:

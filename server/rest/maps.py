@@ -5,6 +5,7 @@ Uses its siblings `answers`, `cockpit`, `files` and `present`, and `comparison`,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any
 
@@ -16,7 +17,7 @@ from server.comparison import Comparison, compare, comparison_png
 from server.map_exports import FORMATS, Format, Sheet, stem_of
 from server.map_store import Change, MapStore, StoredMap, keep_session
 from server.rest.answers import refusal
-from server.rest.files import Press, asked, documented
+from server.rest.files import Press, answer, asked, documented
 from server.rest.present import present_survey
 from server.survey import Survey, in_frame
 from slam.map_alignment import NO_MOTION
@@ -122,13 +123,15 @@ def add_files(router: APIRouter, store: MapStore) -> None:
         """480 by 320 pixels, without words, on a transparent ground."""
         kept = await asked(store.info, number)
         tag = f"{number}-{kept.revision}-small"
-        return await press.answer(request, tag, "thumbnail.png", "image/png", partial(store.thumbnail, number))
+        content = partial(asked, store.thumbnail, number)
+        return await answer(request, tag, "thumbnail.png", "image/png", content)
 
     def add(name: str, made: Format) -> None:
         async def file(request: Request, number: Number) -> Response:
             kept = await asked(store.info, number)
-            make, tag = partial(export, store, kept, name), f"{number}-{kept.revision}-{name}"
-            return await press.answer(request, tag, f"{stem_of(kept.name)}.{name}", made.media_type, make)
+            tag = f"{number}-{kept.revision}-{name}"
+            content = partial(press.make, tag, lambda: partial(made.make, sheet_of(store, kept)), made.is_drawn)
+            return await answer(request, tag, f"{stem_of(kept.name)}.{name}", made.media_type, content)
 
         router.add_api_route(
             f"/{{number}}/map.{name}",
@@ -157,15 +160,20 @@ def add_comparing(router: APIRouter, store: MapStore) -> None:
     async def picture(request: Request, number: Number, other: Other, align: Align = True) -> Response:
         """Both maps in the first one's frame: its walls blue, the other's orange over them."""
         first, second = await asked(store.info, number), await asked(store.info, other)
-        tag = f"{number}-{first.revision}-{other}-{second.revision}-{align}"
-        make = partial(draw_compared, store, first, second, align)
-        return await press.answer(request, tag, "comparison.png", "image/png", make)
+        found, tag = await compared(first, second, align)
+        job = partial(drawing, store, first, second, found)
+        content = partial(press.make, f"{tag}-picture", job)
+        return await answer(request, f"{tag}-picture", "comparison.png", "image/png", content)
 
     @router.get("/{number}/compare/{other}", summary="Compare two maps", responses={**NOT_THERE, **NO_DISK})
     async def figures(number: Number, other: Other, align: Align = True) -> Comparison:
         """How the second map lies in the first one's frame, and which share of each one's walls the other has too."""
         first, second = await asked(store.info, number), await asked(store.info, other)
-        return await asked(compared, store, first, second, align)
+        return (await compared(first, second, align))[0]
+
+    async def compared(first: StoredMap, second: StoredMap, is_aligned: bool) -> tuple[Comparison, str]:
+        tag = f"{first.id}-{first.revision}-{second.id}-{second.revision}-{is_aligned}"
+        return await press.make(tag, partial(comparing, store, first, second, is_aligned)), tag
 
 
 def framed(store: MapStore, kept: StoredMap) -> Survey:
@@ -173,23 +181,22 @@ def framed(store: MapStore, kept: StoredMap) -> Survey:
     return in_frame(store.survey(kept.id), kept.frame.pose())
 
 
-def export(store: MapStore, kept: StoredMap, name: str) -> bytes:
-    """A saved map in a format."""
-    labels = [place.label() for place in kept.labels]
-    return FORMATS[name].make(Sheet(framed(store, kept), labels, kept.name, stem_of(kept.name)))
+def sheet_of(store: MapStore, kept: StoredMap) -> Sheet:
+    """A saved map as it is exported."""
+    return Sheet(framed(store, kept), [place.label() for place in kept.labels], kept.name, stem_of(kept.name))
 
 
-def compared(store: MapStore, first: StoredMap, second: StoredMap, is_aligned: bool) -> Comparison:
-    """How two saved maps lie to each other; those of one recording are of one world."""
+def comparing(store: MapStore, first: StoredMap, second: StoredMap, is_aligned: bool) -> Callable[[], Comparison]:
+    """The comparison of two saved maps, to be done; those of one recording are of one world."""
     same = bool(first.recording) and first.recording == second.recording
     guess = between(first.frame.pose(), second.frame.pose()) if same else NO_MOTION
-    return compare(framed(store, first), framed(store, second), is_aligned, guess)
+    return partial(compare, framed(store, first), framed(store, second), is_aligned, guess)
 
 
-def draw_compared(store: MapStore, first: StoredMap, second: StoredMap, is_aligned: bool) -> bytes:
-    """Two saved maps in one picture."""
-    found = compared(store, first, second, is_aligned)
-    return comparison_png(framed(store, first), framed(store, second), found, (first.name, second.name))
+def drawing(store: MapStore, first: StoredMap, second: StoredMap, found: Comparison) -> Callable[[], bytes]:
+    """Two saved maps in one picture, to be drawn."""
+    names = (first.name, second.name)
+    return partial(comparison_png, framed(store, first), framed(store, second), found, names)
 
 
 def straightened(store: MapStore, number: int) -> StoredMap:

@@ -16,7 +16,7 @@ from server.labels import NewPlace, NoPlace, Place, place_of
 from server.map_exports import FORMATS, Format, Sheet
 from server.messages import Snapshot
 from server.rest.answers import refusal
-from server.rest.files import Press, documented
+from server.rest.files import Press, answer, documented
 from server.survey import Survey, survey_of
 from slam.motion import MotionParams
 
@@ -38,7 +38,8 @@ def add_files(router: APIRouter, cockpit: Cockpit) -> None:
             snapshot = cockpit.snapshot()
             sheet = Sheet(present_survey(cockpit, snapshot), snapshot.labels, snapshot.robot.capitalize())
             tag = f"{name}-{tag_of(snapshot)}"
-            return await press.answer(request, tag, f"map.{name}", made.media_type, partial(made.make, sheet))
+            content = partial(press.make, tag, lambda: partial(made.make, sheet), made.is_drawn)
+            return await answer(request, tag, f"map.{name}", made.media_type, content)
 
         router.add_api_route(
             f"/map.{name}",
