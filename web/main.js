@@ -163,7 +163,7 @@ function bannerText() {
   if (!status) return ["", ""];
   if (status.driver.stopped_by !== null) {
     const by = status.driver.stopped_by === connection.viewer ? "you" : status.driver.stopped_by;
-    return ["warn", `Stopped by ${by}. Press Resume to drive again.`];
+    return ["warn", `Stopped by ${by}. Press Resume to drive.`];
   }
   if (!status.session.running) return ["warn", "No session runs: nothing is recorded or mapped. Begin one in the Library."];
   if (!status.link.connected) return ["bad", "The robot's link is not connected."];
