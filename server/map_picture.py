@@ -105,7 +105,7 @@ def draw_thumbnail(floor: FloorMap, width: int = 480, height: int = 320) -> byte
         shown = (max(1, round(seen.shape[1] * cell)), max(1, round(seen.shape[0] * cell)))
         picture.paste(NEUTRAL_TINT, (round(x), round(y)), Image.fromarray(seen).resize(shown))
     pen = ImageDraw.Draw(picture)
-    for line, tint, thickness in [*((wall, NEUTRAL_TINT, 3) for wall in floor.walls), (floor.path, SETTLED_TINT, 3)]:
+    for line, tint, thickness in [*((wall, NEUTRAL_TINT, 4) for wall in floor.walls), (floor.path, SETTLED_TINT, 4)]:
         pen.line([(x, y) for x, y in (line[:, :2] - corner) / (metres, -metres)], fill=tint, width=thickness)
     content = io.BytesIO()
     picture.resize((width, height), Image.Resampling.LANCZOS).save(content, "PNG")

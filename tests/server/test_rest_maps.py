@@ -6,7 +6,6 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,16 +35,29 @@ def driven() -> HandSession:
     return session
 
 
-@pytest.fixture
-def store(tmp_path: Path) -> MapStore:
-    return MapStore(tmp_path / "crunch.db")
-
-
-@pytest.fixture
-def client(driven: HandSession, store: MapStore) -> Iterator[TestClient]:
+@pytest.fixture(scope="module")
+def used(driven: HandSession, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[TestClient, MapStore]]:
+    """One server for all, since the process that draws takes a while to start."""
+    store = MapStore(tmp_path_factory.mktemp("store") / "crunch.db")
     app = create_app(driven.bridge, further=[map_routes(driven.bridge, store)])
     with TestClient(app, base_url=HERE) as client:
-        yield client
+        yield client, store
+
+
+@pytest.fixture
+def client(used: tuple[TestClient, MapStore]) -> TestClient:
+    """The server, with all maps put away."""
+    client, store = used
+    for kept in store.maps():
+        store.delete(kept.id)
+    return client
+
+
+@pytest.fixture
+def store(used: tuple[TestClient, MapStore], client: TestClient) -> MapStore:
+    """Its maps."""
+    assert client is used[0]
+    return used[1]
 
 
 def test_the_present_map_is_saved_with_its_labels(client, driven, store):
@@ -71,9 +83,10 @@ def test_without_a_name_it_has_the_sessions_or_the_robots(client):
     assert client.post(MAPS, json={}).json()["name"].startswith("Crunch, 20")
 
 
-def test_before_the_first_vertex_there_is_nothing_to_save_or_label(store):
+def test_before_the_first_vertex_there_is_nothing_to_save_or_label(tmp_path):
     bridge = HandSession().bridge
-    with TestClient(create_app(bridge, further=[map_routes(bridge, store)]), base_url=HERE) as client:
+    further = [map_routes(bridge, MapStore(tmp_path / "crunch.db"))]
+    with TestClient(create_app(bridge, further=further), base_url=HERE) as client:
         for address, body in ((MAPS, {}), (LABELS, {"text": "a", "x": 0.0, "y": 0.0})):
             answer = client.post(address, json=body)
             assert answer.status_code == 409
@@ -173,7 +186,7 @@ def test_a_deletion_is_taken_back(client, store):
     number = store.save(room_survey(), "Room").id
     assert client.delete(f"{MAPS}/{number}").json()["is_deleted"] is True
     assert client.get(MAPS).json() == []
-    assert [gone["id"] for gone in client.get(MAPS, params={"deleted": True}).json()] == [number]
+    assert client.get(MAPS, params={"deleted": True}).json()[0]["id"] == number
     assert client.post(f"{MAPS}/{number}/restore").json()["is_deleted"] is False
     assert [kept["id"] for kept in client.get(MAPS).json()] == [number]
 
@@ -181,14 +194,14 @@ def test_a_deletion_is_taken_back(client, store):
 def test_what_is_not_there_or_not_so_is_refused(client, store):
     number = store.save(room_survey(), "Room").id
     for method, address in (
-        ("GET", "99"), ("PATCH", "99"), ("DELETE", "99"), ("POST", "99/restore"), ("POST", "99/straighten"),
-        ("GET", "99/map.png"), ("GET", "99/thumbnail.png"), ("GET", f"{number}/compare/99"),
-        ("GET", f"{number}/compare/99.png"),
+        ("GET", "999"), ("PATCH", "999"), ("DELETE", "999"), ("POST", "999/restore"), ("POST", "999/straighten"),
+        ("GET", "999/map.png"), ("GET", "999/thumbnail.png"), ("GET", f"{number}/compare/999"),
+        ("GET", f"{number}/compare/999.png"),
     ):  # fmt: skip
         answer = client.request(method, f"{MAPS}/{address}", json={} if method == "PATCH" else None)
         assert answer.status_code == 404, address
-        assert "99" in answer.json()["detail"]
-    assert client.delete(f"{LABELS}/99").status_code == 404
+        assert "999" in answer.json()["detail"]
+    assert client.delete(f"{LABELS}/999").status_code == 404
     stale = client.patch(f"{MAPS}/{number}", json={"name": "x", "revision": 7})
     assert stale.status_code == 409
     for body in ({"name": ""}, {"nme": "x"}, {"frame": {"x": 1e9}}, {"labels": [{"text": "a\nb", "x": 0, "y": 0}]}):
