@@ -34,7 +34,7 @@ class CostParams(Params):
     jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring rays that part two curves
     occupied: float = Field(
         default=0.6, gt=0.0
-    )  # log odds of the local map from which there is a wall, whoever saw none
+    )  # log odds of the local map from which there is a wall, whatever was seen
     free: float = Field(default=-1.0, lt=0.0)  # log odds of the local map up to which there is none
     clearance: float = Field(default=0.18, gt=0.0)  # m from a wall below which the robot's centre cannot be
     comfort: float = Field(default=0.5, gt=0.0)  # m from a wall below which a metre costs more
