@@ -32,7 +32,7 @@ from server.views import SessionStatus, path_length
 
 log = logging.getLogger(__name__)
 
-SETTLING = 10.0  # s that the filter is given to answer for the last vertices
+SETTLING = 30.0  # s that the filter is given to answer for the last vertices; it may just be starting
 SETTLED_POLL = 0.05  # s between two looks at whether it has
 FEWEST = 2  # vertices of a map that is kept: a robot that only stood has none
 
@@ -137,7 +137,7 @@ class Sessions:
         self.bridge.end()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(SETTLING):
-                while self.bridge.estimator and self.bridge.estimator.status().waiting:
+                while not self._is_settled():
                     await asyncio.sleep(SETTLED_POLL)
         if self.filtering is not None:
             self.filtering.cancel()
@@ -146,6 +146,13 @@ class Sessions:
         self.past.insert(0, summary)
         self.bridge.publish_status()
         return summary
+
+    def _is_settled(self) -> bool:
+        """Whether the filter has said its last word."""
+        if self.bridge.estimator is None:
+            return True
+        status = self.bridge.estimator.status()
+        return status.waiting == 0 or status.state == "failed"
 
     def _put_away(self, recorder: Recorder | None, summary: SessionSummary, snapshot: Snapshot) -> SessionSummary:
         """Close the recording and keep the map; what cannot be kept is told, and the recording can make it again."""
@@ -166,12 +173,13 @@ class Sessions:
             self.filtering = self.group.create_task(self.bridge.estimator.run())
 
     def _summary(self) -> SessionSummary:
-        about, status = self.bridge.about, self.bridge.status()
+        snapshot = self.bridge.look()  # now, and not a moment ago
+        status = self.bridge.status()
         return SessionSummary(
-            **about.model_dump(),
+            **self.bridge.about.model_dump(),
             duration_s=status.t,
             vertices=status.map.vertices,
-            path_length_m=round(path_length(self.bridge.look().path), 3),
+            path_length_m=round(path_length(snapshot.path), 3),
         )
 
     def _note_name(self) -> None:
