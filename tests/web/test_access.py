@@ -108,6 +108,26 @@ def test_replay(served: Served, visit: Open, look: dict[str, Any]):
     assert on_top(page, "#stop")
 
 
+def test_saved_map_and_the_map_that_grew(visit: Open, tmp_path):
+    with demo(tmp_path, "--autopilot", "--speed", "8") as served:
+        page = dismiss(visit(served, **DESK))
+        page.wait("crunch.map.map?.path.length >= 8")
+        for scheme in ("light", "dark"):
+            page.page.emulate_media(color_scheme=scheme)
+            check(page, f"driven, {scheme}")
+        page.page.click("#library-open")
+        page.page.click("#maps-tab")
+        page.page.click("#maps-pane button[type=submit]")
+        shown(page, ".map-cards button")
+        check(page, "saved map, dark")
+        page.page.click(".map-cards button >> nth=0")
+        shown(page, ".map-sheet canvas")
+        for scheme in ("light", "dark"):
+            page.page.emulate_media(color_scheme=scheme)
+            check(page, f"map's sheet, {scheme}")
+        page.page.close()
+
+
 @pytest.mark.parametrize("look", LOOKS)
 def test_library(served: Served, visit: Open, look: dict[str, Any]):
     page = dismiss(visit(served, **look))
