@@ -23,6 +23,7 @@ export class MapSheet {
     this.onClose = onClose; // called with the map's number if it was deleted
     this.map = null; // as REST has it
     this.tool = null; // "origin" or "label"
+    this.saving = Promise.resolve(); // the changes that are under way
     this.build();
   }
 
@@ -35,6 +36,7 @@ export class MapSheet {
     this.prompt = element("p", { class: "map-prompt", role: "status", hidden: true });
     this.legend = element("ul", { class: "legend" });
     this.plan = new Plan(this.canvas, (place) => this.place(place));
+    this.stage = element("div", { class: "stage card" }, this.canvas, this.prompt, this.legend);
     const tools = element("div", { class: "tools" },
       button("Fit", "fit", () => this.plan.fitAll()),
       element("button", { type: "button", "aria-label": "Zoom in", onclick: () => this.plan.zoom(1.35) }, icon("plus")),
@@ -43,7 +45,7 @@ export class MapSheet {
     this.box.replaceChildren(
       element("div", { class: "map-head" }, back, this.name, this.figures, tools),
       element("div", { class: "map-body" },
-        element("div", { class: "stage card" }, this.canvas, this.prompt, this.legend),
+        this.stage,
         element("div", { class: "map-side" }, this.frameSection(), this.labelSection(), this.compareSection(), this.noteSection(), this.fileSection())));
   }
 
@@ -111,9 +113,17 @@ export class MapSheet {
     this.other.replaceChildren(element("option", { value: "" }, choices.length ? "with no other map" : "there is no other map"), ...choices);
     this.other.disabled = !choices.length;
     this.name.focus({ preventScroll: true });
+    await this.load();
+  }
+
+  async load() {
+    const { id, revision } = this.map;
+    this.stage.dataset.empty = "loading the map …";
     await this.attempt(async () => {
-      const content = await ask(`maps/${map.id}/map.json`);
-      if (this.map?.id !== map.id) return;
+      const content = await ask(`maps/${id}/map.json`);
+      if (this.map.id !== id) return;
+      if (this.map.revision !== revision) return this.load(); // it was turned meanwhile
+      delete this.stage.dataset.empty;
       this.plan.show(content, this.frame);
       this.show(this.map);
     });
@@ -196,14 +206,22 @@ export class MapSheet {
     return this.turnTo(this.frame[2] + this.map.skew_rad, "Straightened");
   }
 
-  /** Save a change; with words to say it can be taken back. */
-  async change(what, said = "") {
-    const { id, revision } = this.map;
-    const before = Object.fromEntries(Object.keys(what).map((key) => [key, this.map[key]]));
-    await this.attempt(async () => {
-      this.show(await ask(`maps/${id}`, { method: "PATCH", body: { ...what, revision } }));
-      if (said) toast(said, { label: "Undo", run: () => this.map?.id === id && this.change(before).then(() => this.plan.fitAll()) });
-    });
+  /** Save a change, after those that are under way; with words to say it can be taken back. */
+  change(what, said = "") {
+    const { id } = this.map;
+    this.saving = this.saving.then(() => this.attempt(async () => {
+      if (this.map.id !== id) return;
+      const before = Object.fromEntries(Object.keys(what).map((key) => [key, this.map[key]]));
+      this.show(await ask(`maps/${id}`, { method: "PATCH", body: { ...what, revision: this.map.revision } }));
+      if (said) toast(said, { label: "Undo", run: () => this.undo(id, before) });
+    }));
+    return this.saving;
+  }
+
+  async undo(id, before) {
+    if (this.map.id !== id) return;
+    await this.change(before);
+    if (before.frame) this.plan.fitAll();
   }
 
   async compare() {
