@@ -123,6 +123,9 @@ def pack_curves(curves: list[np.ndarray]) -> dict[str, np.ndarray]:
     """Curves, each (k, 2) in metres, as `points` (n, 2) in centimetres and `lengths` of the curves; empty ones go."""
     curves = [curve for curve in curves if len(curve)]
     lengths = np.array([len(curve) for curve in curves], np.uint16)
-    points = np.concatenate(curves) if curves else np.zeros((0, 2))
-    near = np.clip(np.round(points / CENTIMETRE), -FURTHEST, FURTHEST).astype(np.int16)
-    return {"points": near, "lengths": lengths}
+    return {"points": pack_points(np.concatenate(curves) if curves else np.zeros((0, 2))), "lengths": lengths}
+
+
+def pack_points(points: np.ndarray) -> np.ndarray:
+    """Points (n, 2) in metres as centimetres in 16 bits: up to 327 m."""
+    return np.clip(np.round(points / CENTIMETRE), -FURTHEST, FURTHEST).astype(np.int16)

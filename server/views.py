@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field
 
-from server.layers import CENTIMETRE, View, layer, pack_curves
+from server.layers import CENTIMETRE, View, layer, pack_curves, pack_points
 from server.messages import Snapshot
 from server.stops import StopEntry
 
@@ -197,7 +197,7 @@ def local_view(snapshot: Snapshot) -> View | None:
 
 @layer("path")
 def path_view(snapshot: Snapshot) -> View:
-    """The best path with how certain each vertex is, and the particles; the walls seen from it come as tiles.
+    """The best path with how certain each vertex is; the walls seen from it come as tiles.
 
     `profile` and `spread` (m) have a number for each vertex; `spread` is empty where an estimator has none. Before the
     first vertex all are empty.
@@ -209,9 +209,16 @@ def path_view(snapshot: Snapshot) -> View:
             "path": np.asarray(snapshot.path, np.float32).reshape(-1, 3)[:n_vertices],
             "profile": np.asarray(snapshot.profile, np.float32)[:n_vertices],
             "spread": np.asarray(snapshot.spread, np.float32)[:n_vertices],
-            "particles": np.asarray(snapshot.particles, np.float32).reshape(-1, 3)[: None if n_vertices else 0],
         },
     )
+
+
+@layer("particles")
+def particles_view(snapshot: Snapshot) -> View:
+    """Where the particles have the newest vertex, in centimetres from `origin`; none before the first vertex."""
+    places = np.asarray(snapshot.particles, float).reshape(-1, 3)[: None if snapshot.vertex_curves else 0, :2]
+    origin = np.round(places.mean(axis=0), 2) if len(places) else np.zeros(2)
+    return View({"origin": rounded(origin), "scale": CENTIMETRE}, {"points": pack_points(places - origin)})
 
 
 def probabilities(log_odds: np.ndarray) -> np.ndarray:

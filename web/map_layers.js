@@ -10,7 +10,8 @@ const SHADES = 16; // of the path's colour
 layer("grid", { label: "Grid", z: 0, topic: null, isStill: true, draw: drawGrid });
 layer("walls", { label: "Walls", z: 10, topic: "path", isStill: true, draw: drawWalls });
 layer("path", { label: "Path, by certainty", z: 20, isStill: true, draw: drawPath });
-layer("particles", { label: "Particles", z: 30, topic: "path", draw: drawParticles });
+layer("tail", { z: 25, topic: "pose", draw: drawTail });
+layer("particles", { label: "Particles", z: 30, draw: drawParticles });
 layer("now", { label: "Walls seen now", z: 40, topic: "local", draw: drawNow });
 layer("goal", { z: 50, topic: "pose", draw: drawGoal });
 layer("robot", { z: 60, topic: "pose", draw: drawRobot });
@@ -62,15 +63,19 @@ function drawPath(context, { map: { path, profile, spread }, pixel, scale }) {
   if (path.length) dot(context, path[0], 5 * pixel);
 }
 
-/** The terminal distribution, and the way from the newest vertex to the robot. */
-function drawParticles(context, { map: { path }, pixel, pose }, { arrays }) {
-  context.fillStyle = colour("particle");
-  context.globalAlpha = 0.55;
-  for (const place of rows(arrays.particles)) dot(context, place, 2.1 * pixel);
-  context.globalAlpha = 1;
+/** The way from the newest vertex to the robot. */
+function drawTail(context, { map, pixel }, { header: { pose } }) {
+  if (!map?.path.length) return;
   context.strokeStyle = colour("open");
   context.lineWidth = 2.4 * pixel;
-  if (path.length && pose) polyline(context, [path.at(-1), pose]);
+  polyline(context, [map.path.at(-1), pose]);
+}
+
+/** The terminal distribution. */
+function drawParticles(context, { pixel }, { header: { origin, scale }, arrays }) {
+  context.fillStyle = colour("particle");
+  context.globalAlpha = 0.55;
+  for (const [x, y] of rows(arrays.points)) dot(context, [origin[0] + scale * x, origin[1] + scale * y], 2.1 * pixel);
 }
 
 function drawNow(context, { pose, pixel }, { header, arrays }) {

@@ -121,6 +121,16 @@ def test_another_session_starts_with_the_first_tile(snapshot):
 
 
 def test_before_the_first_vertex_there_is_no_path(snapshot):
-    _, _, arrays = decode(b"\0\0\0\0" + published(snapshot, [])["path"])
-    assert arrays["path"].shape == (0, 3)
-    assert arrays["particles"].shape == (0, 3)
+    shown = published(snapshot, [])
+    assert decode(b"\0\0\0\0" + shown["path"])[2]["path"].shape == (0, 3)
+    assert decode(b"\0\0\0\0" + shown["particles"])[2]["points"].shape == (0, 2)
+
+
+def test_particles_are_told_to_the_centimetre(snapshot):
+    particles = np.random.default_rng(0).normal([50.0, -20.0, 0.0], 1.0, (300, 3))
+    far = dataclasses.replace(with_vertices(snapshot, curves_of(1)), particles=particles)
+    hub = Hub()
+    Layers(hub).show(far)
+    _, header, arrays = decode(b"\0\0\0\0" + hub.newest["particles"])
+    told = header["scale"] * arrays["points"] + header["origin"]
+    np.testing.assert_allclose(told, particles[:, :2], atol=0.51 * CENTIMETRE)

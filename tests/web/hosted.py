@@ -33,10 +33,14 @@ class LongDrive(Crunch):
         n = len(self.path)
         return dataclasses.replace(
             super().snapshot(),
-            path=self.path, vertex_curves=self.seen_curves, observations=self.seen_walls, particles=self.path[-1:],
+            path=self.path, vertex_curves=self.seen_curves, observations=self.seen_walls, particles=self.particles(),
             vertex_times=np.arange(n, dtype=float), vertex_odometry=self.path, fixed_depth=n // 2,
             profile=np.linspace(0.0, 1.0, n), spread=np.linspace(0.0, 0.6, n),
         )  # fmt: skip
+
+    def particles(self) -> np.ndarray:
+        """Many, around the newest vertex."""
+        return self.path[-1] + np.random.default_rng(0).normal(0.0, 0.3, (500, 3))
 
     def shift(self, x: float, y: float) -> None:
         """The whole path is believed elsewhere."""
