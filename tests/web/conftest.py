@@ -73,13 +73,13 @@ def visit(browser: Browser) -> Iterator[Open]:
     contexts: list[BrowserContext] = []
     opened: list[Watched] = []
 
-    def visit(served: Served, **options: Any) -> Watched:
+    def visit(served: Served, address: str = "", **options: Any) -> Watched:
         context = browser.new_context(**options)
         contexts.append(context)
         watched = Watched(context.new_page(), [])
         opened.append(watched)
         watch(watched, served.address)
-        watched.page.goto(served.address)
+        watched.page.goto(served.address + address)
         watched.page.wait_for_selector(GOOD, timeout=60_000)
         return watched
 
