@@ -60,7 +60,7 @@ def draw_walls(scene: viser.SceneApi, snapshot: Snapshot) -> None:
     vertices, faces = ribbons(snapshot.walls, WALL_HEIGHT)
     if len(faces):
         scene.add_mesh_simple(
-            "/walls/mesh", vertices, faces, color=WALL, side="double", flat_shading=True, opacity=0.85,
+            "/walls/mesh", vertices, faces, color=WALL, side="double", flat_shading=True,
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
     else:
@@ -210,14 +210,16 @@ def ribbons(curves: list[np.ndarray], height: float) -> tuple[np.ndarray, np.nda
     Of large maps only some points of each curve are taken, so that the whole map stays in view.
     """
     curves = [curve for curve in curves if len(curve) > 1]
-    step = max(1, math.ceil(sum(map(len, curves)) / MOST_SEGMENTS))
-    curves = [np.concatenate([curve[:-1:step], curve[-1:]]) for curve in curves]
     if not curves:
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32)
-    points = np.concatenate(curves)
+    points, lengths = np.concatenate(curves), np.array([len(curve) for curve in curves])
+    ends = np.cumsum(lengths)
+    is_end = np.zeros(len(points), bool)
+    is_end[ends - 1] = True
+    number = np.arange(len(points)) - np.repeat(ends - lengths, lengths)  # of each point in its curve
+    is_kept = is_end | (number % math.ceil(len(points) / MOST_SEGMENTS) == 0)
+    points, is_end = points[is_kept], is_end[is_kept]
     n = len(points)
-    is_end = np.zeros(n, bool)
-    is_end[np.cumsum([len(curve) for curve in curves]) - 1] = True
     low = np.flatnonzero(~is_end)  # of each segment's first point; its upper one comes n later
     faces = np.concatenate([np.column_stack([low, low + 1, low + n]), np.column_stack([low + 1, low + n + 1, low + n])])
     vertices = np.concatenate([np.column_stack([points, np.full(n, z)]) for z in (0.0, height)])
