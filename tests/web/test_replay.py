@@ -111,7 +111,7 @@ def test_a_session_is_named_ended_and_followed_by_another(shelved: Served, visit
     page.page.click("#hint-close")
     first = shelved.status()["session"]
     page.page.click("#library-open")
-    page.page.locator(".session form input[name=name]").first.fill("Third floor")
+    page.page.get_by_label("Name of the session").fill("Third floor")
     page.page.click("text=Name it")
     wait_until(lambda: shelved.status()["session"]["name"] == "Third floor")
     page.page.wait_for_selector(f"[data-id='{first['recording']}'] >> text=Third floor")
@@ -124,6 +124,7 @@ def test_a_session_is_named_ended_and_followed_by_another(shelved: Served, visit
     page.page.keyboard.press("w", delay=300)
     page.page.wait_for_selector("#toasts >> text=begin one")
     page.page.click("#library-open")
+    page.page.wait_for_selector(".session >> text=Nobody can drive")
     page.page.locator(".session form input[name=name]").fill("Cellar")
     page.page.locator(".session form input[name=particles]").fill("50")
     page.page.click("text=Begin a session")
