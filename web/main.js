@@ -44,7 +44,10 @@ const goals = new GoalCard($("goal-card"), map, driver);
 const names = new PlaceNames($("goal-card"), map, () => goals.drop());
 const switches = new Switches($("map-layers"), $("map-layers-open"));
 new RouteState($("map").parentElement, connection);
-new Suggestions($("suggestions"), connection, proposeGoal);
+new Suggestions($("suggestions"), connection, (place) => {
+  map.fit(); // it may lie outside of what is shown
+  proposeGoal(place);
+});
 const library = new Library($("library"));
 new Recordings($("recordings-pane"), connection);
 const maps = new MapsPane($("maps-pane"), replay === null);

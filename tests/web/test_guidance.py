@@ -1,0 +1,66 @@
+"""The way to a goal and the places worth seeing again, as a person meets them on the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.served import Served, demo, wait_until
+from tests.web.conftest import Open
+
+GOAL = [-0.5, -2.6]  # m
+ROUTE = "crunch.map.frames.route"
+PLACES = """[{x: 1.0, y: 0.5, gain_m: 0.4, drive_m: 6.2, text: "Drive 6 m to here."}]"""
+SHOW = """(suggestions) => {
+  const frame = {topic: "suggestions", header: {topic: "suggestions", suggestions}, arrays: {}};
+  crunch.connection.announce("frame", frame);
+  crunch.connection.announce("suggestions", frame);
+}"""
+
+
+@pytest.fixture(scope="module")
+def served(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """With a long lease: a busy machine is not to look like a driver who has let go."""
+    assert browser.is_connected()
+    flags = ("--world", "demo", "--plan", "demo", "--set", "control.lease=3.0")
+    with demo(tmp_path_factory.mktemp("guidance"), *flags) as served:
+        yield served
+
+
+def test_a_goal_in_another_room_is_reached_by_a_planned_way_that_is_shown(served: Served, visit: Open):
+    """Through the door of the room below the start."""
+    page = visit(served)
+    page.wait(ROUTE)
+    assert page.page.is_hidden("#route-state")
+    page.page.evaluate("place => crunch.driver.goTo(place)", GOAL)
+    page.wait(f"{ROUTE}.header.state === 'driving' && {ROUTE}.arrays.route.shape[0] > 1")
+    page.page.wait_for_selector("#route-state:has-text('m to go')")
+    wait_until(lambda: served.status()["driver"]["goal"] is None)
+    status = served.status()
+    assert math.dist(status["robot"]["pose"][:2], GOAL) < 0.5, status["stops"]
+    page.page.wait_for_selector("#route-state", state="hidden")
+
+
+def test_a_place_without_a_way_says_why(served: Served, visit: Open):
+    page = visit(served)
+    page.wait(ROUTE)
+    page.page.evaluate("crunch.driver.goTo([500, 0])")
+    page.page.wait_for_selector("#route-state:has-text('more than 200 m away')")
+    wait_until(lambda: served.status()["driver"]["goal"] is None)
+    page.wait("!crunch.driver.hasGoal")
+
+
+def test_a_suggestion_unfolds_and_proposes_a_goal(served: Served, visit: Open):
+    page = visit(served)
+    assert page.page.is_hidden("#suggestions")
+    page.page.evaluate(f"({SHOW})({PLACES})")
+    page.page.click("#suggestions > button")
+    assert page.page.get_attribute("#suggestions > button", "aria-expanded") == "true"
+    page.page.click("#suggestions li button")
+    assert page.page.is_visible("#goal-card")
+    assert page.value("crunch.map.candidate") == [1.0, 0.5]
+    page.page.evaluate(f"({SHOW})([])")
+    assert page.page.is_hidden("#suggestions")
