@@ -129,8 +129,8 @@ def test_the_virtual_robot_knows_only_its_own():
 
 
 def test_asyncio_stays_at_the_edge():
-    edge = {"server.conversation", "server.bridge", "server.dashboard", "server.estimator", "server.live", "server.player",
-            "server.render_queue", "server.sessions", "server.stream", "server.transport"}  # fmt: skip
+    edge = {"server.conversation", "server.bridge", "server.dashboard", "server.estimator", "server.live",
+            "server.player", "server.render_queue", "server.sessions", "server.stream", "server.transport"}  # fmt: skip
     users = {name_of(path) for path in LAYERED for _, module in imports_of(path) if module.split(".")[0] == "asyncio"}
     assert {user for user in users if not user.startswith("server.rest.")} <= edge
 
