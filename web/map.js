@@ -9,6 +9,7 @@ import { Walls } from "./walls.js";
 
 const MIN_SCALE = 4; // pixels per metre
 const MAX_SCALE = 400;
+const FIT_SCALE = 120; // of a map of one place
 const CLICK_SLACK = 6; // pixels that a click may move
 
 export class MapView {
@@ -88,7 +89,7 @@ export class MapView {
     this.follow(false);
     this.centre = [(left + right) / 2, (bottom + top) / 2];
     const { width, height } = this.drawing;
-    this.scale = clampScale(0.86 * Math.min(width / (right - left + 1), height / (top - bottom + 1)));
+    this.scale = Math.min(FIT_SCALE, 0.86 * Math.min(width / (right - left + 1), height / (top - bottom + 1)));
   }
 
   zoom(factor, x = this.drawing.width / 2, y = this.drawing.height / 2) {
