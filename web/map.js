@@ -89,7 +89,8 @@ export class MapView {
     this.follow(false);
     this.centre = [(left + right) / 2, (bottom + top) / 2];
     const { width, height } = this.drawing;
-    this.scale = Math.min(FIT_SCALE, 0.86 * Math.min(width / (right - left + 1), height / (top - bottom + 1)));
+    const filling = 0.86 * Math.min(width / (right - left + 1), height / (top - bottom + 1));
+    this.scale = clampScale(Math.min(FIT_SCALE, filling));
   }
 
   zoom(factor, x = this.drawing.width / 2, y = this.drawing.height / 2) {
