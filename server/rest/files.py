@@ -6,7 +6,6 @@ Uses its siblings `map_exports` (the formats' names and types) and `map_store` (
 from __future__ import annotations
 
 import asyncio
-import os
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -18,7 +17,6 @@ from server.map_exports import FORMATS
 from server.map_store import Conflict, NoSuchMap, StoreError
 
 KEPT = 8  # files
-LOW_PRIORITY = 10  # as `nice` counts it
 
 T = TypeVar("T")
 
@@ -71,17 +69,11 @@ class Press:
 
 
 async def apart(job: Callable[[], T]) -> T:
-    """What a job returns in another process; 503 where that breaks."""
+    """What a job returns in another process; 503 where that breaks, or the server leaves first."""
     try:
-        return await to_process.run_sync(politely, job)
-    except BrokenWorkerProcess:
+        return await to_process.run_sync(job, cancellable=True)
+    except (BrokenWorkerProcess, asyncio.CancelledError):
         raise HTTPException(503, "it could not be made this time; try again") from None
-
-
-def politely(job: Callable[[], T]) -> T:
-    """Do a job while nobody else needs the processor."""
-    os.setpriority(os.PRIO_PROCESS, 0, LOW_PRIORITY)
-    return job()
 
 
 def documented(name: str) -> dict[int | str, dict[str, Any]]:
