@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT))
 from tests.served import Served, demo  # noqa: E402
 from tests.web.conftest import FLAGS, GOOD, Watched, find_browser  # noqa: E402
 
-VERTICES = 90  # of the map in the pictures
+VERTICES = 180  # of the map in the pictures
 REPLAYED = 60.0  # s of the recording at which the replay is shown
 SCHEMES: list[Literal["light", "dark"]] = ["light", "dark"]
 DESK: dict[str, Any] = {"viewport": {"width": 1440, "height": 900}}
