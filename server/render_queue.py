@@ -57,8 +57,9 @@ class RenderQueue:
         asyncio.get_running_loop().call_later(self.grace, self._give_up, cache)
 
     def tend(self) -> None:
-        """Look after the process: one that has ended makes room for the next."""
-        if self.process is not None and not self.process.is_alive():
+        """Look after the process: one that has ended, or that nobody watches while others wait, makes room."""
+        is_unwatched = self.at is not None and not self.watched[self.at]
+        if self.process is not None and (not self.process.is_alive() or (is_unwatched and self.waiting)):
             self._end()
         if self.process is None and self.waiting:
             recording, self.at = self.waiting.pop(0)

@@ -14,7 +14,8 @@ export class Recordings {
     this.pane = pane;
     this.session = element("section", { class: "card session", "aria-label": "Session" });
     this.list = element("section", { class: "recordings", "aria-label": "Recordings" });
-    this.shown = ""; // what the lists were made of
+    this.facts = element("p", { class: "note" });
+    this.shown = {}; // what was made of what
     this.timer = 0;
     pane.append(this.session, element("h2", {}, "Recordings"), this.list);
     pane.addEventListener("show", () => this.start());
@@ -32,16 +33,22 @@ export class Recordings {
   async refresh() {
     try {
       const [session, recordings] = await Promise.all([ask("sessions/current"), ask("recordings")]);
-      const shown = JSON.stringify([{ ...session, duration_s: 0 }, recordings.map((one) => (one.running ? one.id : one))]);
-      if (shown === this.shown || this.pane.querySelector("form input:focus")) return;
-      this.shown = shown;
-      this.showSession(session);
-      this.showList(recordings);
+      this.facts.textContent = factsOf(session);
+      this.renew("session", [session.number, session.name, session.running], () => this.showSession(session));
+      this.renew("list", recordings.map((one) => ({ ...one, ...(one.running && { size: 0, duration_s: 0 }) })), () => this.showList(recordings));
     } catch (error) {
-      this.shown = "";
+      this.shown = {};
       const again = element("button", { type: "button", onclick: () => this.refresh() }, "Try again");
       this.list.replaceChildren(element("p", { class: "empty" }, `The recordings cannot be listed: ${error.message}. `, again));
     }
+  }
+
+  /** Make a part anew if what it shows has changed and nobody types in it. */
+  renew(part, content, make) {
+    const text = JSON.stringify(content);
+    if (this.shown[part] === text || this[part].querySelector("input:focus")) return;
+    this.shown[part] = text;
+    make();
   }
 
   /** Do something, say what came of it, and look again. */
@@ -49,7 +56,7 @@ export class Recordings {
     try {
       const answer = await call();
       if (done) toast(done, { level: "good" });
-      this.shown = "";
+      this.shown = {};
       await this.refresh();
       return answer;
     } catch (error) {
@@ -61,14 +68,10 @@ export class Recordings {
   // The session.
 
   showSession(session) {
-    const title = session.name || (session.running ? "Session without a name" : "No session runs");
-    const facts = [`since ${dateTime(session.began)}`, `${session.vertices} vertices`, `${session.path_length_m.toFixed(1)} m`];
-    const text = session.running
-      ? `${facts.join(" · ")}${session.recording ? "" : " · not recorded"}`
-      : "Nobody can drive, and nothing is recorded or mapped, until a session begins.";
+    const title = session.running ? session.name || "Session without a name" : "No session runs";
     this.session.replaceChildren(
       element("h2", {}, title),
-      element("p", { class: "note" }, text),
+      this.facts,
       ...(session.running ? [this.nameForm(session)] : []),
       this.beginForm(session),
     );
@@ -99,7 +102,10 @@ export class Recordings {
       return;
     }
     button.disabled = true;
-    this.act(() => ask("sessions/current/end", { method: "POST" }), "Session ended; its map is among the maps");
+    this.act(async () => {
+      const { map } = await ask("sessions/current/end", { method: "POST" });
+      toast(map ? "Session ended; its map is among the maps" : "Session ended", { level: "good" });
+    });
   }
 
   beginForm(session) {
@@ -151,7 +157,7 @@ export class Recordings {
   }
 
   rename(recording, line) {
-    const name = element("input", { value: recording.name, maxLength: 80, "aria-label": "Name of the recording" });
+    const name = element("input", { value: recording.name, maxLength: 80, placeholder: "Name", "aria-label": "Name of the recording" });
     const form = element("form", { class: "row" }, name, element("button", { type: "submit", class: "primary" }, "Save"));
     form.onsubmit = (event) => {
       event.preventDefault();
@@ -176,6 +182,12 @@ export class Recordings {
     const restore = () => this.act(() => ask(`${path(recording)}/restore`, { method: "POST" }));
     if (isGone) toast(`${recording.name || recording.id} deleted`, { label: "Undo", run: restore });
   }
+}
+
+function factsOf({ running, began, vertices, path_length_m: metres, recording }) {
+  if (!running) return "Nobody can drive, and nothing is recorded or mapped, until a session begins.";
+  const facts = [`since ${dateTime(began)}`, `${vertices} ${vertices === 1 ? "vertex" : "vertices"}`, `${metres.toFixed(1)} m`];
+  return [...facts, ...(recording ? [] : ["not recorded"])].join(" · ");
 }
 
 function path(recording) {

@@ -81,6 +81,17 @@ def test_nobody_watches_and_the_process_ends(folder):
     asyncio.run(story())
 
 
+def test_who_waits_comes_before_what_nobody_watches(folder):
+    async def story():
+        queue = RenderQueue(folder, grace=60.0)
+        queue.leave(await queue.open(folder / "long.rlog"))
+        cache = await queue.open(folder / "short.rlog")
+        assert queue.state(cache, progress(cache)) == "rendering"
+        queue.close()
+
+    asyncio.run(story())
+
+
 def test_who_waits_in_vain_is_forgotten(folder):
     async def story():
         queue = RenderQueue(folder, grace=0.0)
