@@ -38,6 +38,8 @@ class NavigatorParams(Params):
         default=0.85, gt=0.0, le=1.0
     )  # cost of a new way, as share of the old one's, that is worth it
     moved: float = Field(default=0.1, gt=0.0)  # m by which the map may move under a way
+    tight_clearance: float = Field(default=0.09, gt=0.0)  # m from a wall that must do where there is no way otherwise
+    tight_trail: float = Field(default=0.15, ge=0.0)  # m beside the path driven where no wall is believed then
     cost: CostParams = CostParams()
     suggestions: SuggestionParams = SuggestionParams()
 
@@ -74,16 +76,26 @@ def find_way(snapshot: Snapshot, place: tuple[float, float], params: NavigatorPa
     start, end = snapshot.pose[:2], np.array(place)
     if math.dist(start, end) > params.farthest:
         return Way(None, f"that is more than {params.farthest:.0f} m away")
-    grid = let_out(floor_of(snapshot, end, params.cost), start)
     try:
-        route = plan(grid, start, end)
-    except NoWay as error:
-        return Way(None, str(error))
+        grid, route = way_on(snapshot, end, params.cost)
+    except NoWay:  # the map is never exact, and what it gets wrong closes doors that the robot has come through
+        tight = {"clearance": params.tight_clearance, "trail": params.tight_trail}
+        try:
+            grid, route = way_on(snapshot, end, params.cost.model_copy(update=tight))
+        except NoWay as error:
+            return Way(None, str(error))
     if may_keep and snapshot.goal is not None:
         driven = way_cost(grid, start, np.vstack([snapshot.route, snapshot.goal]))
         if params.better * driven <= way_cost(grid, start, route.places):
             return Way(None)
     return Way(route)
+
+
+def way_on(snapshot: Snapshot, end: np.ndarray, params: CostParams) -> tuple[CostGrid, Route]:
+    """A way from the robot to a place (2,), and the floor that it leads over; NoWay if there is none."""
+    start = snapshot.pose[:2]
+    grid = let_out(floor_of(snapshot, end, params), start)
+    return grid, plan(grid, start, end)
 
 
 def metres_left(snapshot: Snapshot) -> float:

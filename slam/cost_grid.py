@@ -40,6 +40,7 @@ class CostParams(Params):
     comfort: float = Field(default=0.5, gt=0.0)  # m from a wall below which a metre costs more
     near_cost: float = Field(default=5.0, ge=0.0)  # added at the clearance, falling to none at the comfort
     unknown_cost: float = Field(default=4.0, ge=1.0)
+    trail: float = Field(default=0.0, ge=0.0)  # m beside the path where no wall is believed: the robot has been there
 
 
 class CostGrid(NamedTuple):
@@ -91,24 +92,24 @@ def count_free(path, distances, free, x, y, resolution, counts):
 
 
 @njit(cache=True, nogil=True)
-def count_walls(starts, ends, counts):
-    """Add one to the cells of `counts` that a vertex's walls pass through.
+def count_lines(starts, ends, counts):
+    """Add one to the cells of `counts` that lines pass through, once for all lines of a set.
 
-    `starts` and `ends` (vertices, n, 2) of pieces of wall are x and y in cells; a piece with a nan is none.
+    `starts` and `ends` (sets, n, 2) are x and y in cells; a line with a nan is none.
     """
-    last = np.full(counts.shape, -1, np.int32)  # vertex that counted in a cell last
-    for vertex in range(starts.shape[0]):
-        for piece in range(starts.shape[1]):
-            x, y = starts[vertex, piece]
-            across, up = ends[vertex, piece, 0] - x, ends[vertex, piece, 1] - y
+    last = np.full(counts.shape, -1, np.int32)  # set that counted in a cell last
+    for group in range(starts.shape[0]):
+        for line in range(starts.shape[1]):
+            x, y = starts[group, line]
+            across, up = ends[group, line, 0] - x, ends[group, line, 1] - y
             if not math.isfinite(across + up):
                 continue
             steps = math.ceil(2.0 * math.hypot(across, up)) + 1
             for k in range(steps):
                 row, column = math.floor(y + up * k / steps), math.floor(x + across * k / steps)
                 is_inside = 0 <= row < counts.shape[0] and 0 <= column < counts.shape[1]
-                if is_inside and last[row, column] != vertex:
-                    last[row, column] = vertex
+                if is_inside and last[row, column] != group:
+                    last[row, column] = group
                     counts[row, column] += 1
 
 
@@ -141,9 +142,13 @@ def cost_grid(
     columns, rows = (int(side) for side in np.ceil((high - low) / resolution))
     counts = np.zeros((2, rows, columns), np.int32)
     count_free(path, distances, free, low[0], low[1], resolution, counts[0])
-    count_walls((starts - low) / resolution, (ends - low) / resolution, counts[1])
+    count_lines((starts - low) / resolution, (ends - low) / resolution, counts[1])
     is_wall = (counts[1] > 0) & (counts[1] >= params.wall_share * counts.sum(axis=0))
     is_known: np.ndarray = counts.sum(axis=0) > 0
+    if params.trail > 0.0:
+        is_trodden = near_path((path[:, :2] - low) / resolution, is_wall.shape, params.trail / resolution)
+        is_wall &= ~is_trodden
+        is_known |= is_trodden
     if around is not None:
         overrule(is_wall, is_known, around, low, resolution, params)
     room = distance_field(is_wall, resolution)
@@ -162,6 +167,13 @@ def seen_box(
         points += [around.pose[None, :2] - reach_around, around.pose[None, :2] + reach_around]
     held = np.concatenate(points)
     return held.min(axis=0), held.max(axis=0)
+
+
+def near_path(path: np.ndarray, shape: tuple[int, ...], reach: float) -> np.ndarray:
+    """Cells (rows, columns) whose centres lie within `reach` of the chords of a path (n, 2); all in cells."""
+    counts = np.zeros(shape, np.int32)
+    count_lines(path[None, :-1], path[None, 1:], counts)
+    return distance_field(counts > 0, 1.0) <= reach
 
 
 def overrule(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from slam.cost_grid import CostParams, Surroundings, cost_grid, count_free, count_walls, wall_pieces
+from slam.cost_grid import CostParams, Surroundings, cost_grid, count_free, count_lines, wall_pieces
 from slam.grid import Grid
 from slam.walls import Walls
 from tests.naive import planning as naive
@@ -40,7 +40,7 @@ def test_a_wall_is_counted_once_by_each_vertex_that_sees_it():
     starts, ends = wall_pieces(path, np.array([walls.distances for walls in views(path)]), 0.3)
     counts = np.zeros((60, 80), np.int32)
     low = np.array([-2.0, -1.5])
-    count_walls((starts - low) / 0.05, (ends - low) / 0.05, counts)
+    count_lines((starts - low) / 0.05, (ends - low) / 0.05, counts)
     assert set(np.unique(counts)) == {0, 1, 2}
     rows, columns = np.nonzero(counts)
     centres = (np.stack([columns, rows], axis=1) + 0.5) * 0.05 + low
@@ -76,6 +76,19 @@ def test_the_local_map_overrules_and_stands_where_the_robot_is():
     grid = cost_grid(path, views(path), NOWHERE, around, PARAMS)
     assert np.isinf(grid.costs[grid.cell(np.array([-0.025, 0.525]))])
     assert grid.costs[grid.cell(np.array([0.525, 0.0]))] == 1.0
+
+
+def test_a_trail_opens_what_the_robot_has_come_through():
+    path = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    wall = Walls(np.full(N_RAYS, 0.25), np.full(N_RAYS, 0.2))  # all around the middle vertex
+    seen = [Walls(np.full(N_RAYS, np.inf), np.full(N_RAYS, 0.1))] * 3
+    seen[1] = wall
+    closed = cost_grid(path, seen, NOWHERE, None, PARAMS)
+    assert np.isinf(closed.costs[closed.cell(np.array([0.25, 0.0]))])
+    trodden = cost_grid(path, seen, NOWHERE, None, PARAMS.model_copy(update={"trail": 0.15, "clearance": 0.09}))
+    for x in np.linspace(0.0, 1.0, 21):
+        assert np.isfinite(trodden.costs[trodden.cell(np.array([x, 0.0]))])
+    assert np.isinf(trodden.costs[trodden.cell(np.array([0.5, 0.25]))]), "beside the trail it still stands"
 
 
 def test_nothing_seen_is_a_floor_of_unknown():
