@@ -51,14 +51,14 @@ export class MapSheet {
 
   frameSection() {
     this.turned = element("input", { type: "number", step: "1", min: "-180", max: "180" });
-    this.turned.onchange = () => this.turnTo(-DEGREE * Number(this.turned.value), "Turned");
+    this.turned.onchange = () => this.turn(() => -DEGREE * Number(this.turned.value), "Turned");
     this.origin = button("Set origin", null, () => this.choose("origin"));
     return section("Frame",
       element("div", { class: "row" },
-        button("Straighten", null, () => this.straighten()),
-        button("Quarter turn", "turn", () => this.turnTo(this.frame[2] - Math.PI / 2, "Turned")),
+        button("Straighten", null, () => this.turn(({ frame, skew_rad }) => frame.theta + skew_rad, "Straightened")),
+        button("Quarter turn", "turn", () => this.turn(({ frame }) => frame.theta - Math.PI / 2, "Turned")),
         this.origin,
-        button("As it was made", null, () => this.setFrame([0, 0, 0], "The map is as the robot made it"))),
+        button("As it was made", null, () => this.setFrame(() => [0, 0, 0], "The map is as the robot made it"))),
       element("label", { class: "inline" }, "Turned by", this.turned, "degrees"));
   }
 
@@ -153,7 +153,7 @@ export class MapSheet {
   labelEntry(label) {
     const { id, text, x, y } = label;
     const away = element("button", { type: "button", class: "quiet", "aria-label": `Remove ${text}` }, icon("trash"));
-    away.onclick = () => this.change({ labels: this.map.labels.filter((one) => one.id !== id) }, `“${text}” removed`);
+    away.onclick = () => this.change(({ labels }) => ({ labels: labels.filter((one) => one.id !== id) }), `“${text}” removed`);
     return element("li", {}, element("b", {}, text), element("span", {}, `${x.toFixed(1)}, ${y.toFixed(1)} m`), away);
   }
 
@@ -178,7 +178,7 @@ export class MapSheet {
   place(place) {
     const { tool } = this;
     this.choose(null);
-    if (tool === "origin") this.setFrame(compose(this.frame, [...place, 0]), "Origin set");
+    if (tool === "origin") this.setFrame(({ frame: { x, y, theta } }) => compose([x, y, theta], [...place, 0]), "Origin set");
     if (tool !== "label") return;
     this.chosen = place;
     this.form.hidden = false;
@@ -189,28 +189,29 @@ export class MapSheet {
   async addLabel(text) {
     const [x, y] = this.chosen;
     this.form.hidden = true;
-    await this.change({ labels: [...this.map.labels, { text, x, y }] });
+    await this.change(({ labels }) => ({ labels: [...labels, { text, x, y }] }));
     this.label.focus();
   }
 
-  turnTo(theta, said) {
-    return this.setFrame([this.map.frame.x, this.map.frame.y, wrap(theta)], said);
+  /** Turn the axes to an angle that follows from what the map is then. */
+  turn(angle, said) {
+    return this.setFrame((map) => [map.frame.x, map.frame.y, wrap(angle(map))], said);
   }
 
-  async setFrame([x, y, theta], said) {
-    await this.change({ frame: { x, y, theta } }, said);
+  async setFrame(frame, said) {
+    await this.change((map) => {
+      const [x, y, theta] = frame(map);
+      return { frame: { x, y, theta } };
+    }, said);
     this.plan.fitAll();
   }
 
-  straighten() {
-    return this.turnTo(this.frame[2] + this.map.skew_rad, "Straightened");
-  }
-
-  /** Save a change, after those that are under way; with words to say it can be taken back. */
-  change(what, said = "") {
+  /** Save a change `of` what the map is once those under way are saved; with words to say it can be taken back. */
+  change(of, said = "") {
     const { id } = this.map;
     this.saving = this.saving.then(() => this.attempt(async () => {
       if (this.map.id !== id) return;
+      const what = typeof of === "function" ? of(this.map) : of;
       const before = Object.fromEntries(Object.keys(what).map((key) => [key, this.map[key]]));
       this.show(await ask(`maps/${id}`, { method: "PATCH", body: { ...what, revision: this.map.revision } }));
       if (said) toast(said, { label: "Undo", run: () => this.undo(id, before) });
