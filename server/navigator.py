@@ -39,9 +39,15 @@ class NavigatorParams(Params):
     )  # cost of a new way, as share of the old one's, that is worth it
     moved: float = Field(default=0.1, gt=0.0)  # m by which the map may move under a way
     tight_clearance: float = Field(default=0.09, gt=0.0)  # m from a wall that must do where there is no way otherwise
+    tight_occupied: float = Field(default=1.5, gt=0.0)  # log odds of a wall in the local map then: echoes blur doors
     tight_trail: float = Field(default=0.15, ge=0.0)  # m beside the path driven where no wall is believed then
     cost: CostParams = CostParams()
     suggestions: SuggestionParams = SuggestionParams()
+
+    def tight_cost(self) -> CostParams:
+        """What the floor costs where there is no way otherwise."""
+        tight = {"clearance": self.tight_clearance, "occupied": self.tight_occupied, "trail": self.tight_trail}
+        return self.cost.model_copy(update=tight)
 
 
 class Standing(NamedTuple):
@@ -79,9 +85,8 @@ def find_way(snapshot: Snapshot, place: tuple[float, float], params: NavigatorPa
     try:
         grid, route = way_on(snapshot, end, params.cost)
     except NoWay:  # the map is never exact, and what it gets wrong closes doors that the robot has come through
-        tight = {"clearance": params.tight_clearance, "trail": params.tight_trail}
         try:
-            grid, route = way_on(snapshot, end, params.cost.model_copy(update=tight))
+            grid, route = way_on(snapshot, end, params.tight_cost())
         except NoWay as error:
             return Way(None, str(error))
     if may_keep and snapshot.goal is not None:
