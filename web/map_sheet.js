@@ -103,6 +103,7 @@ export class MapSheet {
 
   /** Open a map; `others` can be compared with it. */
   async open(map, others) {
+    document.activeElement?.blur();
     this.box.hidden = false;
     this.plan.clear();
     this.choose(null);
@@ -137,11 +138,11 @@ export class MapSheet {
   /** Take over what REST says of the map. */
   show(map) {
     this.map = map;
-    this.name.value = map.name;
-    this.note.value = map.note;
+    fill(this.name, map.name);
+    fill(this.note, map.note);
     const size = `${map.width_m.toFixed(1)} × ${map.height_m.toFixed(1)} m`;
     this.figures.textContent = `${map.path_length_m.toFixed(1)} m driven, ${map.vertices} vertices, ${size}`;
-    this.turned.value = String(Math.round(-10 * map.frame.theta / DEGREE) / 10 || 0);
+    fill(this.turned, String(Math.round(-10 * map.frame.theta / DEGREE) / 10 || 0));
     this.plan.turn(this.frame, map.labels);
     this.canvas.setAttribute("aria-label", `Map ${map.name}, ${size}. Arrow keys move it, plus and minus zoom.`);
     this.labels.replaceChildren(...map.labels.map((label) => this.labelEntry(label)));
@@ -268,6 +269,11 @@ export class MapSheet {
       else if (this.map) this.show(this.map);
     }
   }
+}
+
+/** Set a field's value, unless somebody is writing in it. */
+function fill(field, value) {
+  if (document.activeElement !== field) field.value = value;
 }
 
 function button(text, picture, run, className = "") {

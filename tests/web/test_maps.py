@@ -64,7 +64,9 @@ def inked(page: Watched) -> float:
     """Share of the opened map's canvas that is drawn on."""
     return page.value("""(() => {
         const canvas = document.querySelector(".map-sheet canvas");
-        const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+        const context = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+        context.drawImage(canvas, 0, 0);
+        const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
         let drawn = 0;
         for (let i = 3; i < data.length; i += 4) drawn += data[i] > 60;
         return drawn / (data.length / 4);
