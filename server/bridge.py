@@ -79,7 +79,7 @@ class Bridge:
         links: Mapping[str, Link],
         control: Control,
         configuration: dict[str, Any],
-        navigation: NavigatorParams = NavigatorParams(),
+        navigation: NavigatorParams = NavigatorParams(),  # noqa: B008 (parameters are frozen)
     ):
         self.robot = robot
         self.session = session
