@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.served import Served, demo  # noqa: E402
+from tests.served import Served, demo, wait_until  # noqa: E402
 from tests.web.conftest import FLAGS, GOOD, Watched, find_browser  # noqa: E402
 
 VERTICES = 180  # of the map in the pictures
@@ -63,9 +63,7 @@ def main(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_browser(), headless=True, args=FLAGS)
         with demo(Path(place), "--autopilot", "--speed", "2", "--particles", "2000") as served:
-            page = visit(browser, served, DESK, "light")
-            Watched(page, []).wait(f"crunch.map.map.path.length >= {VERTICES}")
-            page.close()
+            wait_until(lambda: served.status()["map"]["vertices"] >= VERTICES, 600.0)
             recording = served.recording().stem
             for screen, device in ((DESK, "desk"), (PHONE, "phone")):
                 for scheme in SCHEMES:
