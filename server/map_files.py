@@ -19,7 +19,8 @@ def map_json(floor: FloorMap, robot: str) -> str:
     walls = [np.round(curve, 3).tolist() for curve in floor.walls]
     labels = [{"text": label.text, "x": round(label.x, 3), "y": round(label.y, 3)} for label in floor.labels]
     content = {"format": MAP_FORMAT, "robot": robot, "frame": "world", "settled": min(floor.settled, len(path))}
-    return json.dumps({**content, "path": path, "walls": walls, "labels": labels}, separators=(",", ":")) + "\n"
+    content |= {"path": path, "spread": [] if floor.spread is None else np.round(floor.spread, 3).tolist()}
+    return json.dumps({**content, "walls": walls, "labels": labels}, separators=(",", ":")) + "\n"
 
 
 def profile_csv(times: np.ndarray, path: np.ndarray, profile: np.ndarray, fixed_depth: int) -> str:

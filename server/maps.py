@@ -29,6 +29,7 @@ class FloorMap(NamedTuple):
     """What is drawn and stored: `path` (n, 3), `walls` curves (k, 2) in the world, how many first vertices are settled.
 
     Where there is a `trail`, two arrays (k, 3) of poses, settled and open, it is drawn instead of the path's chords.
+    `spread` (n,) m is how far the particles lie apart at each vertex, where that is known.
     """
 
     path: np.ndarray
@@ -37,6 +38,7 @@ class FloorMap(NamedTuple):
     grid: OccupancyMap | None = None
     trail: tuple[np.ndarray, np.ndarray] | None = None
     labels: Sequence[Label] = ()
+    spread: np.ndarray | None = None
 
 
 def floor_map(path: np.ndarray, walls: list[Walls], fixed_depth: int = 0, resolution: float = RESOLUTION) -> FloorMap:

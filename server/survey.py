@@ -95,7 +95,8 @@ def moved_labels(labels: Sequence[Label], pose: np.ndarray) -> tuple[Label, ...]
 def floor_of(survey: Survey, labels: Sequence[Label] = (), has_grid: bool = True) -> FloorMap:
     """The survey's map; without a grid it is made at once."""
     grid = occupancy(survey.path, list(survey.walls)) if has_grid else None
-    return FloorMap(survey.path, world_curves(survey.path, list(survey.walls)), survey.settled, grid, labels=labels)
+    walls = world_curves(survey.path, list(survey.walls))
+    return FloorMap(survey.path, walls, survey.settled, grid, labels=labels, spread=survey.spread)
 
 
 def wall_skew(survey: Survey) -> float:

@@ -41,9 +41,9 @@ export class MapSheet {
       button("Fit", "fit", () => this.plan.fitAll()),
       element("button", { type: "button", "aria-label": "Zoom in", onclick: () => this.plan.zoom(1.35) }, icon("plus")),
       element("button", { type: "button", "aria-label": "Zoom out", onclick: () => this.plan.zoom(1 / 1.35) }, icon("minus")));
-    const back = element("button", { type: "button", onclick: () => this.close() }, "← All maps");
+    this.back = element("button", { type: "button", onclick: () => this.close() }, "← All maps");
     this.box.replaceChildren(
-      element("div", { class: "map-head" }, back, this.name, this.figures, tools),
+      element("div", { class: "map-head" }, this.back, this.name, this.figures, tools),
       element("div", { class: "map-body" },
         this.stage,
         element("div", { class: "map-side" }, this.frameSection(), this.labelSection(), this.compareSection(), this.noteSection(), this.fileSection())));
@@ -113,7 +113,7 @@ export class MapSheet {
     const choices = others.filter(({ id }) => id !== map.id).map(({ id, name }) => element("option", { value: String(id) }, name));
     this.other.replaceChildren(element("option", { value: "" }, choices.length ? "with no other map" : "there is no other map"), ...choices);
     this.other.disabled = !choices.length;
-    this.name.focus({ preventScroll: true });
+    this.back.focus({ preventScroll: true });
     await this.load();
   }
 

@@ -1,9 +1,11 @@
 // A saved map to be looked at: walls, path, its own axes, named places, and another map laid over it.
 
-import { arrow, colour, polyline } from "./canvas.js";
+import { arrow, channels, colour, polyline } from "./canvas.js";
 import { drawName } from "./labels.js";
 import { compose, inverse, transform } from "./pose.js";
 import { Viewport } from "./viewport.js";
+
+const UNSURE = 0.5; // m of spread at which the path has fully the colour of an open one
 
 export class Plan extends Viewport {
   constructor(canvas, onPlace) {
@@ -86,7 +88,7 @@ export class Plan extends Viewport {
   }
 }
 
-function drawable({ path, walls, settled }) {
+function drawable({ path, walls, settled, spread }) {
   const lines = new Path2D();
   const box = [Infinity, Infinity, -Infinity, -Infinity];
   const reach = (x, y) => {
@@ -101,7 +103,7 @@ function drawable({ path, walls, settled }) {
     });
   }
   for (const [x, y] of path) reach(x, y);
-  return { path, settled, walls: lines, box };
+  return { path, settled, spread, walls: lines, box };
 }
 
 function cornersOf([left, bottom, right, top]) {
@@ -121,12 +123,16 @@ function drawWalls(context, { walls }, pixel, [tint, width, alpha]) {
   context.globalAlpha = 1;
 }
 
-function drawPath(context, { path, settled }, pixel) {
+/** From settled to open, by how far the particles lie apart at a vertex; where that is not known, by what is settled. */
+function drawPath(context, { path, settled, spread }, pixel) {
+  const isOpen = (vertex) => (spread.length ? Math.min(1, spread[vertex] / UNSURE) : Number(vertex >= settled));
+  const [from, to] = [channels("settled"), channels("open")];
   context.lineWidth = 2.2 * pixel;
-  context.strokeStyle = colour("settled");
-  polyline(context, path.slice(0, settled));
-  context.strokeStyle = colour("open");
-  polyline(context, path.slice(Math.max(settled - 1, 0)));
+  for (let vertex = 1; vertex < path.length; vertex++) {
+    const levels = from.map((level, k) => Math.round(level + (to[k] - level) * isOpen(vertex)));
+    context.strokeStyle = `rgb(${levels.join(" ")})`;
+    polyline(context, [path[vertex - 1], path[vertex]]);
+  }
 }
 
 function drawGrid(context, pixel, view) {

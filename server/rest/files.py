@@ -93,6 +93,7 @@ EXAMPLES: dict[str, Any] = {
         "frame": "world",
         "settled": 1,
         "path": [[0.0, 0.0, 0.0], [0.5, 0.01, 0.03]],
+        "spread": [0.0, 0.02],
         "walls": [[[0.4, 0.9], [0.45, 0.9], [0.5, 0.91]]],
         "labels": [{"text": "Kitchen", "x": 2.4, "y": -1.0}],
     },

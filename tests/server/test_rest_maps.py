@@ -118,6 +118,7 @@ def test_every_format_says_the_same_of_the_same_map(client, driven, address, tmp
     assert len(graph.pairs) == len(path) - 1
     document = json.loads(documents["json"].content)
     np.testing.assert_allclose(document["path"], path, atol=1e-3)
+    assert len(document["spread"]) == len(path)
     assert all(len(curve) > 1 for curve in document["walls"])
     assert len(documents["csv"].text.splitlines()) == len(path) + 1
     with zipfile.ZipFile(io.BytesIO(documents["zip"].content)) as archive:
