@@ -85,6 +85,7 @@ class Bridge:
         self.session = session
         self.links = dict(links)
         self.control = control
+        self.control.stops.remember = self.note_stop
         self.settings = configuration
         self.hub = Hub()
         self.layers = Layers(self.hub)
@@ -140,6 +141,7 @@ class Bridge:
         self.newest, self.newest_at = None, -1.0
         drives_itself = self.virtual is not None and self.virtual.autopilot  # at the very start, if asked for
         self.control = Control(self.control.params, None if self.control.autopilot is None else drives_itself)
+        self.control.stops.remember = self.note_stop
         self.sync_autopilot()
         self.publish_status()
 
@@ -175,6 +177,10 @@ class Bridge:
         if before != self.control.standing():
             self.sync_autopilot()
             self.publish_status()
+
+    def note_stop(self, stop: dict[str, Any]) -> None:
+        """The recording remembers who stopped the robot, and why."""
+        self.session.mark({"stopped": stop}, self.t)
 
     def note_label(self, event: dict[str, Any]) -> None:
         """The recording remembers what was labelled, and what there is to see has changed."""

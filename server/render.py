@@ -127,7 +127,10 @@ class Rendering:
             command = command_of(mark)
             if command is not None:
                 self.bridge.tell([command], command.t)
-            self.bridge.labels.recall(json.loads(mark).get("label", {}))
+            fields = json.loads(mark)
+            self.bridge.labels.recall(fields.get("label", {}))
+            if "stopped" in fields:
+                self.bridge.control.stops.recall(fields["stopped"])
         name = named(mark, self.bridge.about.name)
         self.bridge.about = self.bridge.about.model_copy(update={"name": name})
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 KEPT = 20
+DRIVE_BOARD = "drive board"
 HARMLESS = ("none", "command", "link", "boot")  # a board's words for standing still because nobody drives it
 
 
@@ -23,21 +26,30 @@ class StopEntry(BaseModel):
 class StopLog:
     """Keeps the newest stops, and notices those that the boards and the link tell of."""
 
-    def __init__(self):
+    def __init__(self, remember: Callable[[dict[str, Any]], None] = lambda entry: None):
+        """`remember` is told what the robot's own bytes do not tell, so that a recording has it."""
+        self.remember = remember
         self.entries: deque[StopEntry] = deque(maxlen=KEPT)
         self.board_reason = "none"
         self.was_connected = False
 
     def note(self, t: float, reason: str, by: str) -> None:
         """Another stop."""
-        self.entries.append(StopEntry(t=round(t, 3), reason=reason, by=by))
+        entry = StopEntry(t=round(t, 3), reason=reason, by=by)
+        self.entries.append(entry)
+        if by != DRIVE_BOARD:
+            self.remember(entry.model_dump())
+
+    def recall(self, entry: dict[str, Any]) -> None:
+        """A stop that was remembered; ValueError if it is none."""
+        self.entries.append(StopEntry.model_validate(entry))
 
     def watch(self, t: float, board_reason: str | None, is_connected: bool) -> None:
         """The drive board's reason for its last stop (None before its first word), and whether a link is open."""
         if board_reason is not None and board_reason != self.board_reason:
             self.board_reason = board_reason
             if board_reason not in HARMLESS:
-                self.note(t, board_reason, "drive board")
+                self.note(t, board_reason, DRIVE_BOARD)
         if self.was_connected and not is_connected:
             self.note(t, "connection lost", "link")
         self.was_connected = is_connected

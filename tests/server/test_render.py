@@ -94,7 +94,9 @@ def test_names_goals_and_labels_come_from_the_marks(recording, tmp_path):
         (10.0, {"command": "goal", "t": 10.0, "place": [1.0, 2.0], "speed": 0.3, "route": []}),
         (12.0, {"label": {"id": 1, "text": "Door", "vertex": 0, "x": 0.5, "y": 0.25}}),
         (15.0, {"command": "stop", "t": 15.0}),
+        (15.0, {"stopped": {"t": 15.0, "reason": "pressed Stop", "by": "viewer-2"}}),
         (16.0, {"command": "goal", "misspelt": True}),
+        (16.5, {"stopped": {"t": "never"}}),
         (17.0, {"of": "another version"}),
     ]
     _, reader = rendered(annotated(recording, tmp_path / "marked.rlog", marks), tmp_path / "cache")
@@ -102,6 +104,8 @@ def test_names_goals_and_labels_come_from_the_marks(recording, tmp_path):
     assert shown(reader, 6.0)["status"][0]["session"]["name"] == "Cellar"
     assert shown(reader, 14.0)["pose"][0]["goal"] == [1.0, 2.0]
     assert shown(reader, 15.5)["pose"][0]["goal"] is None
+    stops = [stop for stop in shown(reader, 24.0)["status"][0]["stops"] if stop["by"] == "viewer-2"]
+    assert stops == [{"t": 15.0, "reason": "pressed Stop", "by": "viewer-2"}]
     assert [label["text"] for label in shown(reader, 24.0)["labels"][0]["labels"]] == ["Door"]
     kept = reader.result()
     assert kept is not None

@@ -29,3 +29,13 @@ def test_a_lost_link_is_told_and_one_that_is_not_yet_there_is_not():
     for t, is_connected in enumerate([False, False, True, True, False, False, True]):
         log.watch(float(t), None, is_connected)
     assert told(log) == [(4.0, "connection lost", "link")]
+
+
+def test_what_the_robots_bytes_do_not_tell_is_remembered_and_recalled():
+    remembered: list[dict] = []
+    log, again = StopLog(remembered.append), StopLog()
+    log.note(1.0, "pressed Stop", "anna")
+    log.watch(2.0, "fell", is_connected=True)
+    for entry in remembered:
+        again.recall(entry)
+    assert told(again) == [(1.0, "pressed Stop", "anna")]
