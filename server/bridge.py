@@ -245,7 +245,7 @@ class Bridge:
         if self.virtual is not None:
             self.virtual.autopilot = bool(self.control.autopilot)
 
-    def publish(self) -> None:
+    def publish(self, is_last: bool = False) -> None:
         """Show the present to all viewers; called at frame rate."""
         self.published += 1
         if self.control.autopilot and self.virtual is not None and self.virtual.finished:
@@ -257,7 +257,7 @@ class Bridge:
             self.control.arrive()
             self.publish_status()
         self.hub.publish("pose", *pose_view(snapshot, self.t))
-        self.layers.show(snapshot)
+        self.layers.show(snapshot, is_last)
         if self.published % STATUS_EVERY == 0:
             self.publish_status()
         self.dashboard.update(snapshot)

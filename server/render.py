@@ -137,7 +137,7 @@ class Rendering:
     def finish(self) -> None:
         """The recording ends here: the last vertices are mapped, and shown."""
         self.bridge.end()
-        self.bridge.publish()
+        self.bridge.publish(is_last=True)
         self.bridge.publish_status()
 
     def result(self) -> tuple[bytes, str]:
