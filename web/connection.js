@@ -117,10 +117,11 @@ export class Connection extends EventTarget {
     if (this.isOpen && this.socket.bufferedAmount < 4096) this.socket.send(JSON.stringify(word));
   }
 
-  /** Tell the robot to stand still, also from a replay. */
+  /** Tell the robot to stand still: however full the line is, past it while it is closed, and also from a replay. */
   stop() {
-    if (this.isLive) this.send({ type: "stop" });
-    else fetch(STOP, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"type":"stop"}' });
+    const word = JSON.stringify({ type: "stop" });
+    if (this.isLive && this.isOpen) this.socket.send(word);
+    else fetch(STOP, { method: "POST", headers: { "Content-Type": "application/json" }, body: word }).catch(() => {}); // the banner says it
   }
 
   announce(name, detail) {
