@@ -67,7 +67,7 @@ def test_every_control_has_a_name_and_nothing_is_wider_than_the_screen(served: S
         page = visit(served, **options)
         nameless = page.value(
             "[...document.querySelectorAll('button, a, input, canvas, [role=application]')].filter(e => "
-            "!(e.textContent.trim() || e.ariaLabel || e.labels?.length)).map(e => e.outerHTML)"
+            "e.checkVisibility() && !(e.textContent.trim() || e.ariaLabel || e.labels?.length)).map(e => e.outerHTML)"
         )
         assert nameless == []
         assert page.value("document.documentElement.scrollWidth <= innerWidth")
