@@ -30,7 +30,7 @@ check: ## Formatting, lint, types, and that the documents tell the truth
 
 bench: ## The figures of the README, made again (long)
 	@.ci/setup test
-	for name in cycle floor real sonar8; do $(PYTHON) -m bench.$$name || exit 1; done
+	for name in cycle floor real sonar8 dashboard; do $(PYTHON) -m bench.$$name || exit 1; done
 
 setup: ## Everything that the other targets need, tests included
 	@.ci/setup test

@@ -1,4 +1,4 @@
-"""The page and its stream, measured: latency both ways, load by the number of viewers, traffic, a thin link, a large map.
+"""The page and its stream, measured: latency, load by the number of viewers, traffic, a thin link, a large map.
 
     python -m bench.dashboard [latency load traffic thin smooth]
 
