@@ -38,7 +38,7 @@ export class MapSheet {
     this.plan = new Plan(this.canvas, (place) => this.place(place));
     this.stage = element("div", { class: "stage card" }, this.canvas, this.prompt, this.legend);
     const tools = element("div", { class: "tools" },
-      button("Fit", "fit", () => this.plan.fitAll()),
+      button("Fit", "fit", () => this.plan.fit()),
       element("button", { type: "button", "aria-label": "Zoom in", onclick: () => this.plan.zoom(1.35) }, icon("plus")),
       element("button", { type: "button", "aria-label": "Zoom out", onclick: () => this.plan.zoom(1 / 1.35) }, icon("minus")));
     this.back = element("button", { type: "button", onclick: () => this.close() }, "← All maps");
@@ -125,7 +125,7 @@ export class MapSheet {
       if (this.map.id !== id) return;
       if (this.map.revision !== revision) return this.load(); // it was turned meanwhile
       delete this.stage.dataset.empty;
-      this.plan.show(content, this.frame);
+      this.plan.take(content, this.frame);
       this.show(this.map);
     });
   }
@@ -204,7 +204,7 @@ export class MapSheet {
       const [x, y, theta] = frame(map);
       return { frame: { x, y, theta } };
     }, said);
-    this.plan.fitAll();
+    this.plan.fit();
   }
 
   /** Save a change `of` what the map is once those under way are saved; with words to say it can be taken back. */
@@ -223,7 +223,7 @@ export class MapSheet {
   async undo(id, before) {
     if (this.map.id !== id) return;
     await this.change(before);
-    if (before.frame) this.plan.fitAll();
+    if (before.frame) this.plan.fit();
   }
 
   async compare() {

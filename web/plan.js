@@ -6,10 +6,13 @@ import { compose, inverse, transform } from "./pose.js";
 import { Viewport } from "./viewport.js";
 
 const UNSURE = 0.5; // m of spread at which the path has fully the colour of an open one
+const STEP = 60; // pixels that an arrow key moves the plan
+const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class Plan extends Viewport {
   constructor(canvas, onPlace) {
     super(canvas);
+    canvas.addEventListener("keydown", (event) => this.press(event));
     this.onPlace = onPlace; // called with [x, y] in the map's frame while `isPlacing`
     this.isPlacing = false;
     this.clear();
@@ -24,12 +27,12 @@ export class Plan extends Viewport {
     this.labels = [];
   }
 
-  /** Show a map's document (map.json), which was made in `frame`. */
-  show(content, frame) {
+  /** Take a map's document (map.json), which was made in `frame`. */
+  take(content, frame) {
     this.map = drawable(content);
     this.loaded = this.frame = frame;
     this.other = null;
-    this.fitAll();
+    this.fit();
   }
 
   /** The map's axes stand elsewhere now. */
@@ -43,7 +46,7 @@ export class Plan extends Viewport {
   overlay(content, pose) {
     this.other = content && drawable(content);
     if (content) this.otherPose = compose(inverse(this.shift), pose);
-    this.fitAll();
+    this.fit();
   }
 
   /** Where the frame that the map was loaded in stands in its frame of now. */
@@ -51,16 +54,29 @@ export class Plan extends Viewport {
     return compose(inverse(this.frame), this.loaded);
   }
 
-  fitAll() {
+  fit() {
     if (!this.map) return;
     const corners = cornersOf(this.map.box).map((corner) => transform(this.shift, corner));
     if (this.other) corners.push(...cornersOf(this.other.box).map((corner) => transform(compose(this.shift, this.otherPose), corner)));
     const [xs, ys] = [corners.map(([x]) => x), corners.map(([, y]) => y)];
-    this.fit([Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)]);
+    this.show([Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)]);
   }
 
   click(place) {
     if (this.isPlacing) this.onPlace(place);
+  }
+
+  /** Keys of a focused plan move it, and never the robot. */
+  press(event) {
+    const step = STEPS[event.code];
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (step) this.move(-STEP * step[0], -STEP * step[1]);
+    else if (event.key === "+" || event.key === "=") this.zoom(1.35);
+    else if (event.key === "-") this.zoom(1 / 1.35);
+    else if (event.key === "Enter") this.click(this.centre);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
   }
 
   /** Clicks choose a place; the keyboard's is the middle, under a cross. */

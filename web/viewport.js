@@ -1,12 +1,11 @@
-// A canvas that shows a piece of a plan: drag to move it, scroll or pinch to zoom, arrow keys, plus and minus as well.
+// A canvas that shows a piece of a plane: drag to move it, scroll or pinch to zoom. Maps extend it.
 
 import { Drawing, colour, polyline } from "./canvas.js";
 
 const MIN_SCALE = 2; // pixels per metre
 const MAX_SCALE = 400;
+const FIT_SCALE = 120; // of a map of one place
 const CLICK_SLACK = 6; // pixels that a click may move
-const STEP = 60; // pixels that an arrow key moves the plan
-const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class Viewport {
   constructor(canvas) {
@@ -26,25 +25,34 @@ export class Viewport {
     canvas.addEventListener("pointermove", (event) => this.drag(event));
     canvas.addEventListener("pointerup", (event) => this.release(event));
     canvas.addEventListener("pointercancel", (event) => this.pointers.delete(event.pointerId));
-    canvas.addEventListener("keydown", (event) => this.press(event));
   }
 
-  /** A click at a place; for who extends this. */
+  /** A click at a place [x, y]; for who extends this. */
   click() {}
 
   /** Draw in metres, y up; for who extends this. */
   paint() {}
+
+  /** The size of a pixel in metres. */
+  get pixel() {
+    return 1 / this.scale;
+  }
 
   toWorld(x, y) {
     const { width, height } = this.drawing;
     return [this.centre[0] + (x - width / 2) / this.scale, this.centre[1] - (y - height / 2) / this.scale];
   }
 
+  toScreen([x, y]) {
+    const { width, height } = this.drawing;
+    return [width / 2 + (x - this.centre[0]) * this.scale, height / 2 - (y - this.centre[1]) * this.scale];
+  }
+
   /** Show a box [left, bottom, right, top] whole. */
-  fit([left, bottom, right, top]) {
+  show([left, bottom, right, top]) {
     const { width, height } = this.drawing;
     this.centre = [(left + right) / 2, (bottom + top) / 2];
-    this.scale = clamp(Math.min((width - 40) / (right - left + 0.5), (height - 60) / (top - bottom + 0.5)));
+    this.scale = clamp(Math.min(FIT_SCALE, 0.86 * width / (right - left + 1), 0.86 * height / (top - bottom + 1)));
     this.drawing.request();
   }
 
@@ -81,19 +89,6 @@ export class Viewport {
     if (isClick) this.click(this.toWorld(event.offsetX, event.offsetY));
   }
 
-  /** Keys of a focused plan move the plan, and never the robot. */
-  press(event) {
-    const step = STEPS[event.code];
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    if (step) this.move(-STEP * step[0], -STEP * step[1]);
-    else if (event.key === "+" || event.key === "=") this.zoom(1.35);
-    else if (event.key === "-") this.zoom(1 / 1.35);
-    else if (event.key === "Enter") this.click(this.centre);
-    else return;
-    event.preventDefault();
-    event.stopPropagation();
-  }
-
   /** Move the plan by pixels, right and up. */
   move(right, up) {
     this.centre = [this.centre[0] - right / this.scale, this.centre[1] - up / this.scale];
@@ -105,7 +100,7 @@ export class Viewport {
     context.translate(width / 2, height / 2);
     context.scale(this.scale, -this.scale);
     context.translate(-this.centre[0], -this.centre[1]);
-    this.paint(context, 1 / this.scale);
+    this.paint(context, this.pixel);
     context.restore();
     drawScale(context, this.scale, width, height);
   }
