@@ -9,6 +9,7 @@ const SHADES = 16; // of the path's colour
 
 layer("grid", { label: "Grid", z: 0, topic: null, isStill: true, draw: drawGrid });
 layer("walls", { label: "Walls", z: 10, topic: "path", isStill: true, draw: drawWalls });
+layer("odometry", { label: "Path by the wheels alone", z: 15, isOn: false, isStill: true, draw: drawOdometry });
 layer("path", { label: "Path, by certainty", z: 20, isStill: true, draw: drawPath });
 layer("tail", { z: 25, topic: "pose", draw: drawTail });
 layer("particles", { label: "Particles", z: 30, draw: drawParticles });
@@ -61,6 +62,15 @@ function drawPath(context, { map: { path, profile, spread }, pixel, scale }) {
   });
   context.fillStyle = colour("settled");
   if (path.length) dot(context, path[0], 5 * pixel);
+}
+
+/** Dashed: what the map would hang on if nothing had been corrected. */
+function drawOdometry(context, { pixel }, { header: { origin, scale }, arrays: { points } }) {
+  context.strokeStyle = colour("muted");
+  context.lineWidth = 1.6 * pixel;
+  context.setLineDash([7 * pixel, 5 * pixel]);
+  polyline(context, rows(points).map(([x, y]) => [origin[0] + scale * x, origin[1] + scale * y]));
+  context.setLineDash([]);
 }
 
 /** The way from the newest vertex to the robot. */

@@ -7,6 +7,7 @@ import pytest
 
 from server.layers import CENTIMETRE, TILE, Layers, View, tile_view
 from server.stream import Hub, decode
+from server.views import odometry_view
 from tests.server.live_session import HandSession
 
 
@@ -134,3 +135,13 @@ def test_particles_are_told_to_the_centimetre(snapshot):
     _, header, arrays = decode(b"\0\0\0\0" + hub.newest["particles"])
     told = header["scale"] * arrays["points"] + header["origin"]
     np.testing.assert_allclose(told, particles[:, :2], atol=0.51 * CENTIMETRE)
+
+
+def test_the_wheels_own_path_begins_where_the_best_path_does(snapshot):
+    """A drive whose odometry turned off by a right angle is laid along the path again."""
+    odometry = np.array([[3.0, 1.0, np.pi / 2], [3.0, 1.5, np.pi / 2], [3.0, 2.0, np.pi / 2]])
+    path = np.array([[0.0, 0.0, 0.0], [0.5, 0.01, 0.02], [1.0, 0.03, 0.02]])
+    seen = dataclasses.replace(snapshot, path=path, vertex_odometry=odometry)
+    view = odometry_view(seen)
+    np.testing.assert_allclose(view.fields["scale"] * view.arrays["points"], [[0, 0], [0.5, 0], [1, 0]], atol=0.006)
+    assert not len(odometry_view(dataclasses.replace(seen, vertex_odometry=np.zeros((0, 3)))).arrays["points"])
