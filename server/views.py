@@ -16,8 +16,8 @@ from pydantic import BaseModel, Field
 
 from server.layers import CENTIMETRE, View, layer, pack_curves, pack_points
 from server.messages import Snapshot
-from slam.pose import between, compose
 from server.stops import StopEntry
+from slam.pose import between, compose
 
 
 class LinkStatus(BaseModel):
@@ -218,7 +218,7 @@ def path_view(snapshot: Snapshot) -> View:
 def odometry_view(snapshot: Snapshot) -> View:
     """Where the wheels alone have each vertex, laid on the best path's first one, in centimetres from it."""
     vertices = np.asarray(snapshot.vertex_odometry, float).reshape(-1, 3)
-    first = np.asarray(snapshot.path, float)[0]
+    first = np.asarray(snapshot.path, float)[0] if len(vertices) else np.zeros(3)
     laid = compose(first, between(vertices[:1], vertices))
     return View({"origin": rounded(first[:2]), "scale": CENTIMETRE}, {"points": pack_points(laid[:, :2] - first[:2])})
 
