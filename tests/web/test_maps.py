@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Position
 
 from server.formats.g2o import read_g2o
 from server.formats.ros_map import OCCUPIED, read_ros_map
@@ -134,7 +134,7 @@ def test_a_frame_is_straightened_turned_moved_and_all_of_it_taken_back(mapped: S
     stage = page.page.locator(".map-sheet canvas")
     box = stage.bounding_box()
     assert box is not None
-    place = {"x": box["width"] * 0.4, "y": box["height"] * 0.6}
+    place: Position = {"x": box["width"] * 0.4, "y": box["height"] * 0.6}
     page.page.get_by_role("button", name="Name a place").click()
     stage.click(position=place)
     page.page.locator(".map-side").get_by_label("Name of this place").fill("Lamp")
@@ -246,6 +246,7 @@ def test_a_server_that_is_killed_and_started_again_has_every_map(browser: Browse
     with demo(tmp_path, "--autopilot", "--speed", "8") as served:
         wait_until(lambda: served.status()["map"]["vertices"] >= 3)
         number = saved(served, "Kept")
+        ended = ask(served, "POST", "sessions/current/end")
         served.process.kill()
         served.process.wait()
     with demo(tmp_path) as served:
@@ -253,3 +254,6 @@ def test_a_server_that_is_killed_and_started_again_has_every_map(browser: Browse
         assert kept["name"] == "Kept"
         with urllib.request.urlopen(f"{served.address}api/v1/maps/{number}/map.json", timeout=30) as answer:
             assert len(json.load(answer)["path"]) == kept["vertices"]
+        by_itself = ask(served, "GET", f"maps/{ended['map']}")
+        assert by_itself["vertices"] == ended["vertices"]
+        assert by_itself["recording"] == ended["recording"]
