@@ -35,6 +35,7 @@ from server.words import WORDS
 
 WEB = Path(__file__).resolve().parents[1] / "web"
 MAX_VIEWERS = 64
+MAX_BODY = 256 * 1024  # bytes of a request: parsing more would keep the loop from the robot
 PAGE_POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
@@ -52,7 +53,7 @@ def create_app(
     """The application, with routes to `further` things; with a `token` nothing is answered without it."""
     app = FastAPIOffline(
         title="Crunch", version=cockpit.status().version, description=DESCRIPTION, docs_url="/docs", redoc_url=None,
-        responses=GUARDED,
+        responses=GUARDED, max_body_size=MAX_BODY,
     )  # fmt: skip
     app.add_exception_handler(RequestValidationError, answer_nonsense)
     for routes in (state_routes, command_routes, health_routes, metrics_routes, present_routes):

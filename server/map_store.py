@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from server.errors import UserError
-from server.labels import Place, numbered, place_of
+from server.labels import MOST, Place, numbered, place_of
 from server.map_picture import draw_thumbnail, wall_box
 from server.maps import path_length
 from server.messages import Label
@@ -94,7 +94,9 @@ class Change(BaseModel):
     name: str | None = Field(default=None, min_length=1, max_length=120, examples=["Ground floor, east"])
     note: str | None = Field(default=None, max_length=4000, examples=["Doors to the east were shut."])
     frame: Frame | None = Field(default=None, examples=[{"x": 1.5, "y": 0.25, "theta": 0.12}])
-    labels: list[Place] | None = Field(default=None, examples=[[{"text": "Kitchen", "x": 2.4, "y": -1.0}]])
+    labels: list[Place] | None = Field(
+        default=None, max_length=MOST, examples=[[{"text": "Kitchen", "x": 2.4, "y": -1.0}]]
+    )
     revision: int | None = Field(
         default=None, examples=[1], description="the one that you have seen; with another the change is refused"
     )

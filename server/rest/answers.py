@@ -31,7 +31,8 @@ GUARDED: dict[int | str, dict[str, Any]] = {
         "description": "Asked from a page or under a name that is not the server's own",
         "content": {"text/plain": {"example": "This server answers to localhost only."}},
     },
-}  # what `server.guard` answers on every route
+    413: refusal("More than 256 kB were sent", "Content Too Large"),
+}  # what may be answered on every route, mostly by `server.guard`
 
 
 async def answer_nonsense(_: Request, error: Exception) -> JSONResponse:

@@ -16,6 +16,7 @@ from server.rest.answers import refusal
 from server.views import SessionStatus
 
 LONGEST_NAME = 80
+MOST_SETTINGS = 200  # more than there are
 
 
 class SessionSummary(SessionStatus):
@@ -35,6 +36,7 @@ class NewSession(BaseModel):
     name: str = Field(default="", max_length=LONGEST_NAME, examples=["Third floor, east"])
     settings: dict[str, Any] = Field(
         default_factory=dict,
+        max_length=MOST_SETTINGS,
         examples=[{"crunch.filter.particles": 2000}],
         description="keys as in config.toml, of the tables crunch and estimator; others stay as they are",
     )

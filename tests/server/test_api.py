@@ -1,5 +1,6 @@
 """REST documents, the stream's manners, and who is let in."""
 
+import asyncio
 import contextlib
 import json
 from collections.abc import Iterator
@@ -8,7 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from server.api import MAX_VIEWERS, create_app
+from server.api import MAX_BODY, MAX_VIEWERS, create_app
 from server.conversation import MAX_NONSENSE
 from server.guard import is_loopback
 from server.stream import decode
@@ -126,6 +127,32 @@ def test_bytes_and_floods_are_cut_off(client):
             for _ in range(500):
                 flood(socket)
             assert code_of_close(socket) == 1008
+
+
+@pytest.mark.parametrize("in_pieces", [False, True])
+@pytest.mark.parametrize("address", ["/api/v1/commands", "/api/v1/status", "/"])
+def test_a_large_request_is_refused_unread(driven, address, in_pieces):
+    """Whether its length is told or only counted: what is parsed on the loop keeps everybody waiting."""
+    piece, taken, answered = b"[" * 16384, [], []
+
+    async def receive() -> dict:
+        taken.append(len(piece))
+        return {"type": "http.request", "body": piece, "more_body": len(taken) < 64}
+
+    async def send(message: dict) -> None:
+        answered.append(message)
+
+    headers = [(b"host", b"127.0.0.1:8000"), (b"content-type", b"application/json")]
+    if not in_pieces:
+        headers.append((b"content-length", b"56000000"))
+    scope = {
+        "type": "http", "method": "POST", "path": address, "raw_path": address.encode(), "query_string": b"",
+        "headers": headers, "scheme": "http", "server": ("127.0.0.1", 8000), "root_path": "",
+    }  # fmt: skip
+    asyncio.run(create_app(driven.bridge)(scope, receive, send))
+    assert sum(taken) <= (MAX_BODY + len(piece) if in_pieces else 0)
+    if not in_pieces or address == "/api/v1/commands":
+        assert answered[0]["status"] == 413
 
 
 def test_too_many_viewers_are_told_to_come_later(client):
