@@ -264,12 +264,16 @@ def thin(browser: Browser, folder: Path) -> dict[str, Any]:
         page.wait_for_selector(GOOD)
         ages = []
         for _ in range(round(THIN_SECONDS * 10)):
-            ages.append(page.evaluate("crunch.connection.poseAge"))
+            ages.append(page.evaluate("crunch.connection.age"))
             page.wait_for_timeout(100)
+        vertices = page.evaluate("crunch.map.map.path.length")
         page.close()
-    print("| age of the pose over 30 kB/s | median (ms) | p99 | worst |\n|---|---|---|---|")
-    print(f"| {THIN_SECONDS:.0f} s of a drive | {milliseconds(ages)} |")
-    return {"ages": ages}
+    known = [age for age in ages if age is not None and age < 1e6]  # not yet before the first pong
+    print("| age of the pose on the page over 30 kB/s | median (ms) | p99 | worst | not yet known |")
+    print("|---|---|---|---|---|")
+    unknown = 100.0 * (1.0 - len(known) / len(ages))
+    print(f"| {THIN_SECONDS:.0f} s of a drive, {vertices} vertices | {milliseconds(known)} | {unknown:.0f} % |")
+    return {"ages": known, "unknown": unknown}
 
 
 def smooth(browser: Browser, folder: Path) -> dict[str, Any]:

@@ -142,6 +142,8 @@ def test_the_wheels_own_path_begins_where_the_best_path_does(snapshot):
     odometry = np.array([[3.0, 1.0, np.pi / 2], [3.0, 1.5, np.pi / 2], [3.0, 2.0, np.pi / 2]])
     path = np.array([[0.0, 0.0, 0.0], [0.5, 0.01, 0.02], [1.0, 0.03, 0.02]])
     seen = dataclasses.replace(snapshot, path=path, vertex_odometry=odometry)
-    view = odometry_view(seen)
+    view, before = odometry_view(seen), odometry_view(dataclasses.replace(seen, vertex_odometry=np.zeros((0, 3))))
+    assert view is not None
+    assert before is not None
     np.testing.assert_allclose(view.fields["scale"] * view.arrays["points"], [[0, 0], [0.5, 0], [1, 0]], atol=0.006)
-    assert not len(odometry_view(dataclasses.replace(seen, vertex_odometry=np.zeros((0, 3)))).arrays["points"])
+    assert not len(before.arrays["points"])
