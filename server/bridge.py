@@ -129,7 +129,7 @@ class Bridge:
         configuration: dict[str, Any],
         about: SessionStatus,
     ) -> None:
-        """A new session on the same links: time starts at zero, and nobody drives yet."""
+        """A new session on the same links: time starts at zero, nobody drives yet, and a stop that holds goes on."""
         self.robot, self.session, self.estimator, self.recorder = robot, session, estimator, recorder
         self.settings, self.about = configuration, about
         self.layers.begin()
@@ -140,7 +140,9 @@ class Bridge:
         self.steered = -STEERING_PERIOD
         self.newest, self.newest_at = None, -1.0
         drives_itself = self.virtual is not None and self.virtual.autopilot  # at the very start, if asked for
-        self.control = Control(self.control.params, None if self.control.autopilot is None else drives_itself)
+        has_autopilot, stopped_by = self.control.autopilot is not None, self.control.stopped_by
+        self.control = Control(self.control.params, drives_itself if has_autopilot else None)
+        self.control.stopped_by = stopped_by
         self.control.stops.remember = self.note_stop
         self.sync_autopilot()
         self.publish_status()
@@ -206,8 +208,9 @@ class Bridge:
 
     def halt(self) -> None:
         """Stand still at once, whatever happens next; for the end of the session."""
-        if self.virtual is not None:
-            self.virtual.autopilot = False
+        if self.control.autopilot:
+            self.control.autopilot = False
+        self.sync_autopilot()
         self.control.wish = self.control.goal = None
         t = self.t
         self.tell([Stop(t)], t)
@@ -243,7 +246,7 @@ class Bridge:
     def sync_autopilot(self) -> None:
         """Tell the virtual robot whether it drives itself."""
         if self.virtual is not None:
-            self.virtual.autopilot = bool(self.control.autopilot)
+            self.virtual.autopilot = bool(self.control.autopilot) and self.about.running
 
     def publish(self, is_last: bool = False) -> None:
         """Show the present to all viewers; called at frame rate."""

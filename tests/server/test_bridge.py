@@ -98,6 +98,27 @@ def test_halt_stands_the_robot_still_whatever_was_wished():
     assert moved(session, 2.0) < 0.1
 
 
+def test_the_autopilot_drives_no_further_when_its_session_has_ended():
+    session = HandSession(autopilot=True)
+    session.bridge.virtual = session.virtual
+    session.bridge.sync_autopilot()
+    assert session.virtual.autopilot
+    session.bridge.end()
+    assert session.bridge.status().driver.autopilot is False
+    for word in ("ask", "release", "ask"):
+        session.bridge.hear("anna", PlainWord(type=word))
+        assert not session.virtual.autopilot, "words without a session move nothing"
+    session.bridge.control.autopilot = True
+    session.bridge.sync_autopilot()
+    assert not session.virtual.autopilot, "no session runs"
+
+
+def test_a_robot_without_an_autopilot_has_none_when_its_session_has_ended():
+    session = HandSession()
+    session.bridge.end()
+    assert session.bridge.status().driver.autopilot is None
+
+
 def test_map_grows_and_is_published_when_it_changes():
     session = HandSession()
     sent: list[tuple[str, dict, dict]] = []

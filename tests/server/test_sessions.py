@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from server.recorded import open_log
 from server.recording import Kind, Reader
 from server.replay import run_log
 from server.rest.sessions import NotRunning
+from server.robots.crunch import Crunch, CrunchParams
 from server.sessions import Sessions
 from server.views import SessionStatus
 from server.words import PlainWord
@@ -129,10 +131,13 @@ def test_a_new_session_begins_with_nothing(tmp_path):
         status = hand.bridge.status()
         assert status.t < 1.0
         assert status.robot.distance_m == 0.0
-        assert (status.driver.viewer, status.driver.stopped_by) == (None, None)
+        assert (status.driver.viewer, status.driver.stopped_by) == (None, "anna"), "a stop holds until it is ended"
         assert (status.filter.wanted_particles, status.stops) == (77, [])
         assert hand.bridge.configuration()["crunch"]["filter"]["particles"] == 77
         await ready(hand)
+        with pytest.raises(Refused, match="Resume"):
+            drive(hand, -0.3)
+        hand.bridge.hear("anna", PlainWord(type="resume"))
         drive_for(hand, 6.0, -0.3)
         third = await sessions.begin()
         assert [one.number for one in sessions.summaries()] == [3, 2, 1]
@@ -151,6 +156,8 @@ def test_settings_that_cannot_be_used_leave_the_session_alone(tmp_path):
         for settings, told in (
             ({"crunch.filer.particles": 10}, "did you mean `crunch.filter`"),
             ({"crunch.filter.particles": -1}, "particles = -1 cannot be used"),
+            ({"crunch.filter.particles": 10**9}, "less than or equal to 2000000"),
+            ({"crunch.local_map.cells_per_reach": 10**6}, "less than or equal to 500"),
             ({"web.port": 80}, "stays while the server runs"),
             ({"crunch.sensors.sonar.bearings_deg": [0.0]}, "give 8"),
         ):
@@ -161,6 +168,34 @@ def test_settings_that_cannot_be_used_leave_the_session_alone(tmp_path):
         drive(hand, 0.2)
 
     live(tmp_path, story)
+
+
+def test_a_large_robot_is_built_while_the_session_goes_on(tmp_path, monkeypatch):
+    async def story(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
+        beginning = asyncio.create_task(sessions.begin("Two"))
+        async with asyncio.timeout(10.0):
+            while not is_building.is_set():
+                await asyncio.sleep(0.01)
+        assert (sessions.bridge.about.number, sessions.bridge.about.running) == (1, True)
+        may_go_on.set()
+        assert (await beginning).number == 2
+
+    class SlowCrunch(Crunch):
+        def __init__(self, params: CrunchParams):
+            is_building.set()
+            assert may_go_on.wait(20.0), "the loop stands still while the robot is built"
+            super().__init__(params)
+
+    is_building, may_go_on = threading.Event(), threading.Event()
+    may_go_on.set()
+    monkeypatch.setattr("server.sessions.Crunch", SlowCrunch)
+
+    async def begun(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
+        is_building.clear()
+        may_go_on.clear()
+        await story(hand, sessions, kept)
+
+    live(tmp_path, begun)
 
 
 def test_a_name_can_be_given_later_and_stands_in_the_recording(tmp_path):
