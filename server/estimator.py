@@ -32,11 +32,11 @@ Deliver = Callable[[Estimate], None]
 class EstimatorParams(Params):
     """How the worker is fed and watched."""
 
-    batch: int = Field(default=32, ge=1)  # keyframes that go over together at most
-    bound: int = Field(default=16, ge=1)  # waiting keyframes above which particles are shed
+    batch: int = Field(default=32, ge=1, le=10_000)  # keyframes that go over together at most
+    bound: int = Field(default=16, ge=1, le=10_000)  # waiting keyframes above which particles are shed
     fewest: int = Field(default=100, ge=1)  # particles that are never shed
     calm_batches: int = Field(default=4, ge=1)  # batches without a queue before shed particles come back
-    shown: int = Field(default=500, ge=1)  # particles in an estimate
+    shown: int = Field(default=500, ge=1, le=100_000)  # particles in an estimate
     startup: float = Field(default=120.0, gt=0.0)  # s for the first beat and the first answer, while kernels compile
     patience: float = Field(default=10.0, gt=0.0)  # s without a beat that count as hung; doubles while it helps nothing
     attempts: int = Field(default=5, ge=1)  # losses without any progress after which the filter is given up

@@ -88,9 +88,10 @@ class Sessions:
             check_rings(config.crunch.sensors)
             if settings:
                 await asyncio.to_thread(warm_up, config.crunch, 1)
+            robot = await asyncio.to_thread(Crunch, config.crunch)
             if self.bridge.about.running:
                 await self._end()
-            self.open(name, config)
+            self.open(name, config, robot)
             self._feed()
             return self._summary()
 
@@ -101,7 +102,7 @@ class Sessions:
                 raise NotRunning("no session runs")
             return await self._end()
 
-    def open(self, name: str = "", config: Config | None = None) -> None:
+    def open(self, name: str = "", config: Config | None = None, robot: Crunch | None = None) -> None:
         """Begin a session whose filter starts with `run`; UserError if it cannot be recorded."""
         config = config or self.config
         params = config.crunch
@@ -113,7 +114,7 @@ class Sessions:
             began=datetime.now(UTC),
             recording=recorder.path.stem if recorder else None,
         )
-        robot = Crunch(params)
+        robot = robot or Crunch(params)
         estimator = WorkerEstimator(
             functools.partial(make_estimator, params, self.seed, self.threads),
             self.bridge.believe,

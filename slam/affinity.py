@@ -28,13 +28,13 @@ class AffinityParams(Params):
 
     kind: Literal["points", "segments"] = "points"
     states: Literal[2, 3] = 3  # 2: the thesis's inside/outside; 3: also unknown
-    n_points: int = Field(default=64, ge=1)
+    n_points: int = Field(default=64, ge=1, le=10_000)
     spread: float = Field(default=0.6, gt=0.0)  # sigma of the test points, times the local map's reach
     both_free: float = 0.22
     both_wall: float = 1.16
     differ: float = -1.3
     wall_thickness: float = Field(default=0.25, gt=0.0)  # m behind a wall that count as outside
-    label_cell: float = Field(default=0.04, gt=0.0)  # m
+    label_cell: float = Field(default=0.04, ge=0.02)  # m
     early_exit: float = Field(
         default=-math.inf, allow_inf_nan=True
     )  # running mean below which the rest of the points is not looked at

@@ -29,7 +29,7 @@ from slam.walls import Walls
 class ComparisonParams(Params):
     """Which vertices are compared, and how."""
 
-    neighbours: int = Field(default=3, ge=1)  # earlier vertices compared with a new one, the nearest first
+    neighbours: int = Field(default=3, ge=1, le=100)  # earlier vertices compared with a new one, the nearest first
     range: float = Field(default=0.8, gt=0.0)  # m between vertices that are compared
     gap: int = Field(default=8, ge=1)  # vertices that must lie between them, for neighbours share the same readings
     affinity: AffinityParams = AffinityParams()

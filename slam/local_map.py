@@ -32,8 +32,8 @@ class LocalMapParams(Params):
     reach_share: float = Field(
         default=2.0 / 3.0, gt=0.0, le=1.0
     )  # of the longest sensor's range, where reach follows the sensors
-    finest_cell: float = Field(default=0.025, gt=0.0)  # m
-    cells_per_reach: int = Field(default=80, gt=10)  # bounds the grid of far-seeing sensors
+    finest_cell: float = Field(default=0.025, ge=0.01)  # m
+    cells_per_reach: int = Field(default=80, gt=10, le=500)  # bounds the grid of far-seeing sensors
     clamp: float = Field(default=2.5, gt=0.0)
     beam_hit: float = Field(default=0.9, ge=0.0)
     beam_miss: float = Field(default=0.35, ge=0.0)

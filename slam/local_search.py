@@ -28,7 +28,7 @@ WHERE, SIZE, ANGLE_STEP, DISTANCE_STEP = 16, 17, 18, 19  # streams of random num
 class LocalSearchParams(Params):
     """How long the search tries, and how boldly."""
 
-    perturbations: int = Field(default=100, ge=0)  # tried after each new vertex
+    perturbations: int = Field(default=100, ge=0, le=10_000)  # tried after each new vertex
     smallest: float = Field(
         default=0.05, gt=0.0
     )  # standard deviations of a perturbation, drawn log-uniformly between these

@@ -39,7 +39,7 @@ class DirectionParams(Params):
 class PathFilterParams(Params):
     """Size of the filter and when it resamples; how paths are extended and compared."""
 
-    particles: int = Field(default=5000, ge=1)
+    particles: int = Field(default=5000, ge=1, le=2_000_000)
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
     reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()

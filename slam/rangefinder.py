@@ -15,12 +15,12 @@ class RingParams(Params):
     """Rangefinders of one kind around a robot; ranges count from each sensor's face along its bearing."""
 
     model: Literal["sonar", "infrared", "beam"]
-    bearings_deg: tuple[float, ...]
+    bearings_deg: tuple[float, ...] = Field(max_length=4096)
     offset: float = Field(default=0.0, ge=0.0)  # m from the robot's centre, along the bearing
     height: float = Field(default=0.15, gt=0.0)  # m above the floor
     half_angle_deg: float = Field(default=0.0, ge=0.0, lt=90.0)
     min_range: float = Field(default=0.03, ge=0.0)  # m; shorter ones are not trusted
-    max_range: float = Field(default=3.0, gt=0.0)  # m; nothing farther is reported
+    max_range: float = Field(default=3.0, gt=0.0, le=200.0)  # m; nothing farther is reported
 
     @model_validator(mode="after")
     def _sonar_has_a_cone(self) -> RingParams:

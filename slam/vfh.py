@@ -24,11 +24,11 @@ from slam.pose import wrap
 class VfhParams(Params):
     """Densities are metres of certain wall on the way, discounted with distance."""
 
-    sectors: int = Field(default=72, ge=8)  # of the polar histogram
-    reach: float = Field(default=1.0, gt=0.0)  # m; obstacles beyond do not count
+    sectors: int = Field(default=72, ge=8, le=720)  # of the polar histogram
+    reach: float = Field(default=1.0, gt=0.0, le=20.0)  # m; obstacles beyond do not count
     threshold: float = Field(default=0.01, gt=0.0)  # m; density that closes a sector
     radial_sum: bool = False  # all cells of a direction add up (thesis); otherwise the strongest of each ring
-    smoothing: int = Field(default=1, ge=0)  # neighbours on either side that a sector is averaged with
+    smoothing: int = Field(default=1, ge=0, le=100)  # neighbours on either side that a sector is averaged with
     robot_radius: float = Field(default=0.076, ge=0.0)  # m
     clearance: float = Field(default=0.12, ge=0.0)  # m, added to the robot's radius
     wide_valley_deg: float = Field(

@@ -20,7 +20,7 @@ from slam.params import Params
 class WallParams(Params):
     """How rays are traced and which curves are kept."""
 
-    n_rays: int = Field(default=120, ge=8)
+    n_rays: int = Field(default=120, ge=8, le=3600)
     occupied: float = Field(default=0.6, gt=0.0)  # log odds above which a cell is a wall
     free: float = Field(default=-0.3, lt=0.0)  # log odds below which a cell was seen free
     thickness: float = Field(default=0.16, gt=0.0)  # m of an occupied run whose centroid is the wall
@@ -28,7 +28,7 @@ class WallParams(Params):
     join_rays: int = Field(default=4, ge=0)  # empty rays that a curve may bridge
     jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring rays that part two curves
     shortest: int = Field(default=4, ge=1)  # rays of the shortest curve kept
-    smoothing: float = Field(default=1.5, ge=0.0)  # rays, sigma of the Gaussian along a curve
+    smoothing: float = Field(default=1.5, ge=0.0, le=100.0)  # rays, sigma of the Gaussian along a curve
 
 
 class Walls(NamedTuple):

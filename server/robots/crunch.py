@@ -52,12 +52,12 @@ SIGHT = 0.5  # s after which the last sweep is too old to steer by
 class CrunchParams(Params):
     """Everything that makes this robot this robot."""
 
-    sensors: dict[str, RingParams] = Field(default_factory=crunch_sensors)
+    sensors: dict[str, RingParams] = Field(default_factory=crunch_sensors, min_length=1, max_length=16)
     calibration: Calibration = Field(default_factory=Calibration)
     track: float = Field(default=0.19, gt=0.0)  # m between the wheels
-    vertex_spacing: float = Field(default=0.5, gt=0.0)  # m of path between vertices (thesis, 2.3)
+    vertex_spacing: float = Field(default=0.5, ge=0.05, le=2.0)  # m of path between vertices (thesis, 2.3)
     hindsight: int = Field(
-        default=2, ge=0
+        default=2, ge=0, le=10
     )  # vertices driven on before a vertex's walls are taken, so that both sides were seen
     goal_radius: float = Field(default=0.2, gt=0.0)  # m from the goal that count as there
     look_ahead: float = Field(default=0.6, gt=0.0)  # m along a planned way to the point that is steered to
@@ -67,7 +67,7 @@ class CrunchParams(Params):
     walls: WallParams = WallParams()
     vfh: VfhParams = VfhParams()
     estimator: Literal["filter", "search"] = "filter"  # particles, or local search on one path (thesis, 2.6)
-    perturbations: int = Field(default=100, ge=0)  # that the local search tries at every vertex
+    perturbations: int = Field(default=100, ge=0, le=10_000)  # that the local search tries at every vertex
     filter: PathFilterParams = PathFilterParams()
 
     def filter_params(self) -> PathFilterParams:

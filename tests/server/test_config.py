@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from server.config import PRESETS, Config, ConfigError, check_robot, load, merge, working_file
+from server.config import PRESETS, Config, ConfigError, check_robot, load, merge, revised, working_file
+from server.robots.crunch import Crunch, CrunchParams
 from slam.path_filter import PathFilterParams
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -187,3 +188,40 @@ def test_the_working_directory_counts_only_where_it_has_a_file(tmp_path, monkeyp
     assert working_file() is None
     write(tmp_path / "config.toml", "")
     assert working_file() == Path("config.toml")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("crunch.filter.particles", 2_000_001),
+        ("crunch.filter.comparison.neighbours", 101),
+        ("crunch.filter.comparison.affinity.n_points", 10_001),
+        ("crunch.filter.comparison.affinity.label_cell", 0.01),
+        ("crunch.local_map.cells_per_reach", 501),
+        ("crunch.local_map.finest_cell", 0.001),
+        ("crunch.local_map.reach", 21.0),
+        ("crunch.hindsight", 11),
+        ("crunch.vertex_spacing", 2.1),
+        ("crunch.vertex_spacing", 1e-6),
+        ("crunch.perturbations", 10_001),
+        ("crunch.walls.n_rays", 3601),
+        ("crunch.walls.smoothing", 1e6),
+        ("crunch.vfh.sectors", 721),
+        ("crunch.vfh.smoothing", 101),
+        ("crunch.vfh.reach", 21.0),
+        ("crunch.sensors.sonar.bearings_deg", [0.0] * 4097),
+        ("crunch.sensors", {str(n): {"model": "beam", "bearings_deg": [0.0]} for n in range(15)}),
+        ("estimator.shown", 10**6),
+        ("estimator.batch", 10**6),
+        ("estimator.bound", 10**6),
+    ],
+)
+def test_a_session_cannot_ask_for_more_than_the_server_can_hold(key, value):
+    with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
+        revised(Config(), {key: value})
+
+
+def test_the_largest_local_map_is_of_bounded_size():
+    widest = {"local_map": {"reach": 5.0, "finest_cell": 0.01, "cells_per_reach": 500}}
+    robot = Crunch(CrunchParams(**widest, hindsight=10, vertex_spacing=2.0))
+    assert robot.local_map.cells.nbytes < 128e6
