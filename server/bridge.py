@@ -40,6 +40,8 @@ STATUS_EVERY = 8  # publications between two of the status when nothing calls fo
 class Robot(Protocol):
     """The fold that is driven."""
 
+    t: float  # of its newest reading
+
     def step(self, message: Message) -> list[Effect]:
         """The effects of one message."""
         ...
@@ -175,6 +177,7 @@ class Bridge:
             raise Refused("no session runs: begin one under Sessions first")
         before = self.control.standing()
         t = self.t
+        self.control.read = self.robot.t
         self.tell(self.control.hear(viewer, word, t), t)
         if before != self.control.standing():
             self.sync_autopilot()

@@ -3,8 +3,8 @@
 Pure rules over time `t` in seconds; knows no socket and no robot. Anyone may stop. Moving needs the lease: one viewer
 holds it, every word of the driver renews it for 0.3 s, and silence stops the robot. Others ask for it; the driver gives
 it or keeps it, and who does not answer loses it. After a stop nothing moves until the driver resumes. A word spoken in
-front of an old picture is refused, so that commands which a slow line kept back cannot move the robot late. Uses its
-siblings `words` (what may be said) and `stops` (the log).
+front of an old picture is refused, so that commands which a slow line kept back cannot move the robot late, and so is
+every word while the robot itself is silent. Uses its siblings `words` (what may be said) and `stops` (the log).
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ class Control:
         self.is_planned = False  # whether the way to the goal is to be planned on the map
         self.stopped_by: str | None = None
         self.refreshed = -math.inf
+        self.read: float | None = None  # when the robot's newest reading was taken, as far as one is told
         self.stops = StopLog()
 
     def has_lease(self, t: float) -> bool:
@@ -243,6 +244,8 @@ class Control:
             raise Refused("stopped: press Resume first")
 
     def _check_fresh(self, seen: float, t: float) -> None:
+        if self.read is not None and t - self.read > self.params.stale:
+            raise Refused("the robot is silent: there is nothing new to drive by")
         if not 0.0 <= t - seen + 0.001 <= self.params.stale:
             raise Refused("the picture is too old to drive by")
 

@@ -66,7 +66,7 @@ connection.addEventListener("notice", ({ detail }) => {
 connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
 connection.addEventListener("pose", ({ detail }) => {
   page.pose = detail.header;
-  driver.seen = detail.header.t;
+  driver.seen = detail.header.t - detail.header.age;
   if (page.goal && !detail.header.goal) driver.hasGoal = false; // reached, or taken back
   page.goal = detail.header.goal;
   health.move(detail.header.tilt, connection.age);

@@ -98,6 +98,22 @@ def test_halt_stands_the_robot_still_whatever_was_wished():
     assert moved(session, 2.0) < 0.1
 
 
+def test_a_robot_that_has_fallen_silent_is_not_driven_although_its_picture_is_published():
+    session = HandSession()
+    drive_for(session, 1.0, 0.3)
+    session.virtual.advance(1.6)  # what it says is lost
+    session.link.time += 1.6
+    session.bridge.tick()
+    with pytest.raises(Refused, match="silent"):
+        drive(session, 0.3)
+    with pytest.raises(Refused, match="silent"):
+        session.bridge.hear("anna", GoalWord(type="goal", x=1.0, y=0.0, seen=session.bridge.t))
+    session.bridge.hear("ben", PlainWord(type="stop"))
+    session.bridge.hear("anna", PlainWord(type="resume"))
+    session.advance(0.1)
+    drive(session, 0.3)
+
+
 def test_the_autopilot_drives_no_further_when_its_session_has_ended():
     session = HandSession(autopilot=True)
     session.bridge.virtual = session.virtual

@@ -203,6 +203,20 @@ def test_words_in_front_of_another_picture_move_nothing(seen):
     assert helm.driver is None
 
 
+def test_a_silent_robot_is_not_driven_but_stopped():
+    helm = control()
+    helm.read = 3.4
+    for word in (drive(5.0), goal(5.0), HoldWord(type="hold", seen=5.0)):
+        if isinstance(word, HoldWord):
+            helm.driver = "a"
+        with pytest.raises(Refused, match="silent"):
+            helm.hear("a", word, 5.0)
+    assert helm.hear("a", plain("stop"), 5.0) == [Stop(5.0)]
+    helm.hear("a", plain("resume"), 5.1)
+    helm.read = 5.1
+    assert helm.hear("a", drive(5.1), 5.2) == [Drive(5.2, 0.3, 0.0)]
+
+
 def test_a_driver_who_leaves_stops_the_robot_and_others_do_not():
     helm = control()
     helm.hear("a", drive(0.0), 0.0)
