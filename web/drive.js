@@ -9,6 +9,7 @@ const KEYS = {
 };
 const STRAIGHT = 0.12; // share of a stick's way to the side that still means straight on
 const BACKING = 0.6; // share of the limit when driving backwards
+const COVERS = "dialog[open], #menu.open"; // while one of these lies over the panels, nobody here drives, but stops
 const SLOWEST_FULL_TURN = 0.25; // m/s of speed limit at which the full turn rate is allowed
 
 export class Driver {
@@ -34,6 +35,11 @@ export class Driver {
 
   get isLocked() {
     return !this.connection.isLive || this.connection.isLocked;
+  }
+
+  /** Whether something lies over what is driven by. A goal goes on meanwhile: it was confirmed, and the page is looked at. */
+  get isCovered() {
+    return document.querySelector(COVERS) !== null;
   }
 
   /** Stand still, whoever drives. */
@@ -62,9 +68,9 @@ export class Driver {
   }
 
   repeat() {
-    if (this.isLocked) {
-      if (this.source) this.letGo();
-    } else if (this.source) {
+    if (this.source && (this.isLocked || this.isCovered)) this.letGo();
+    if (this.isLocked) return;
+    if (this.source) {
       this.sendWish();
     } else if (this.hasGoal && !document.hidden) {
       this.connection.send({ type: "hold", seen: this.seen });
@@ -79,7 +85,7 @@ export class Driver {
   }
 
   hold(source, forward, left) {
-    if (this.isLocked) return;
+    if (this.isLocked || this.isCovered) return;
     const [before, wish] = [this.wish, [clamp(forward), clamp(left)]];
     const isNews = this.source === null || (source === "keys" && String(wish) !== String(before)); // a stick: at the next turn
     this.source = source;
@@ -111,7 +117,7 @@ export class Driver {
       if (event.code === "Space" || event.code === "Escape") {
         event.preventDefault();
         if (!event.repeat) this.stop();
-      } else if (KEYS[event.code] && !isAdjusting(event)) {
+      } else if (KEYS[event.code] && !isAdjusting(event) && !this.isCovered) {
         event.preventDefault();
         this.held.add(event.code);
         this.driveByKeys();

@@ -44,7 +44,8 @@ export class Gamepads {
     this.tell([...seen.entries()]);
   }
 
-  /** What a pad does now. A button counts only once it has been seen up, so that a stuck one does nothing. */
+  /** What a pad does now. A button counts only once it has been seen up, so that a stuck one does nothing, nor
+   * one that was held while something lay over the page. */
   observe(pad, now) {
     const before = this.known.get(keyOf(pad)) ?? { timestamp: null, changed: now, holdWasUp: false, stopWasUp: false };
     const changed = pad.timestamp === before.timestamp ? before.changed : now;
@@ -53,7 +54,7 @@ export class Gamepads {
     const [forward, left] = stickOf(pad);
     const isPushed = forward !== 0 || left !== 0;
     const isFrozen = isHeld && isPushed && now - changed > FROZEN;
-    const holdWasUp = before.holdWasUp || !isHeld;
+    const holdWasUp = !isHeld || (before.holdWasUp && !this.driver.isCovered);
     return {
       name: nameOf(pad), timestamp: pad.timestamp, changed, forward, left, isPushed, isFrozen, holdWasUp,
       stopWasUp: !isStopped,
