@@ -19,7 +19,7 @@ import urllib.request
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import websockets
@@ -170,28 +170,40 @@ def screen_delays(recording: Path, seen: list[list[float]]) -> list[float]:
 # Load.
 
 
-async def watch(address: str, seconds: float, frames: Counter[str], size: Counter[str]) -> None:
+class Sight(NamedTuple):
+    """What a viewer was sent: frames and bytes by topic."""
+
+    frames: Counter[str]
+    size: Counter[str]
+
+
+async def watch(address: str, seconds: float) -> Sight:
     """A viewer that acknowledges at once, and counts."""
     url = address.replace("http", "ws", 1) + "api/v1/stream"
-    end = time.monotonic() + seconds
+    sight = Sight(Counter(), Counter())
     async with websockets.connect(url, max_size=None, compression=None) as socket:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 async for data in socket:
                     assert isinstance(data, bytes)
                     sequence, header, _ = decode(data)
-                    frames[header["topic"].partition("/")[0]] += 1
-                    size[header["topic"].partition("/")[0]] += len(data)
+                    topic = header["topic"].partition("/")[0]
+                    sight.frames[topic] += 1
+                    sight.size[topic] += len(data)
                     await socket.send(json.dumps({"type": "ack", "seq": sequence}))
-                    if time.monotonic() > end:
-                        return
+    return sight
 
 
-async def crowd(address: str, viewers: int, seconds: float) -> list[Counter[str]]:
-    """Frames by topic that each of many viewers was shown."""
-    counts: list[Counter[str]] = [Counter() for _ in range(viewers)]
-    await asyncio.gather(*(watch(address, seconds, count, Counter()) for count in counts))
-    return counts
+async def watch_all(address: str, viewers: int, seconds: float) -> list[Sight]:
+    """Many viewers at once."""
+    return await asyncio.gather(*(watch(address, seconds) for _ in range(viewers)))
+
+
+def crowd(address: str, viewers: int, seconds: float, folder: Path) -> list[Sight]:
+    """Many viewers in a process of their own."""
+    command = ["bench.dashboard", "crowd", address, str(viewers), str(seconds)]
+    with started(command, r"(\[.*\])", folder) as (_, said):
+        return [Sight(Counter(frames), Counter(size)) for frames, size in json.loads(said)]
 
 
 def cpu_seconds(process_id: int) -> float:
@@ -209,12 +221,11 @@ def load(browser: Browser, folder: Path) -> dict[str, Any]:
         page = visit(browser, address)
         for viewers in LOADS:
             page.evaluate("globalThis.poses = 0; crunch.connection.addEventListener('pose', () => poses++)")
-            crowd_process = [sys.executable, "-m", "bench.dashboard", "crowd", address, str(viewers), str(LOAD_SECONDS)]
             before, began = cpu_seconds(process.pid), time.monotonic()
-            with started(crowd_process[2:], r"(\{.*\})", folder) as (_, said):
-                core = (cpu_seconds(process.pid) - before) / (time.monotonic() - began)
-                poses = page.evaluate("poses") / (time.monotonic() - began)
-                rates = json.loads(said)["rates"]
+            sights = crowd(address, viewers, LOAD_SECONDS, folder)
+            core = (cpu_seconds(process.pid) - before) / (time.monotonic() - began)
+            poses = page.evaluate("poses") / (time.monotonic() - began)
+            rates = [sight.frames["pose"] / LOAD_SECONDS for sight in sights]
             late = fetch(address, "status")["loop"]  # of the last 20 s
             row = {"core": core, "late": late, "rates": rates, "browser": poses}
             found[str(viewers)] = row
@@ -234,9 +245,7 @@ def load(browser: Browser, folder: Path) -> dict[str, Any]:
 def traffic(_: Browser, folder: Path) -> dict[str, Any]:
     """What one viewer is sent during a drive, by topic."""
     with demo(folder, "--autopilot") as (_, address):
-        frames: Counter[str] = Counter()
-        size: Counter[str] = Counter()
-        asyncio.run(watch(address, DRIVE_SECONDS, frames, size))
+        [(frames, size)] = crowd(address, 1, DRIVE_SECONDS, folder)
     print("| topic | frames/s | kB/s |\n|---|---|---|")
     for topic, count in size.most_common():
         print(f"| {topic} | {frames[topic] / DRIVE_SECONDS:.1f} | {count / DRIVE_SECONDS / 1000.0:.2f} |")
@@ -328,9 +337,8 @@ PARTS = {"latency": latency, "load": load, "traffic": traffic, "thin": thin, "sm
 def main() -> None:
     """Run the parts that were asked for and print their tables."""
     if sys.argv[1:2] == ["crowd"]:  # the protocol clients' own process
-        address, viewers, seconds = sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
-        counts = asyncio.run(crowd(address, viewers, seconds))
-        print(json.dumps({"rates": [count["pose"] / seconds for count in counts]}), flush=True)
+        sights = asyncio.run(watch_all(sys.argv[2], int(sys.argv[3]), float(sys.argv[4])))
+        print(json.dumps([[sight.frames, sight.size] for sight in sights]), flush=True)
         return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=list(PARTS), metavar="PART")
