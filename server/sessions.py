@@ -54,6 +54,8 @@ class Sessions:
         self.group: asyncio.TaskGroup | None = None
         self.filtering: asyncio.Task[None] | None = None
         self.changing = asyncio.Lock()  # of two who begin or end at once, the second waits
+        self.is_put_away = True  # whether the newest session's recording is closed and its map kept
+        self.recorder: Recorder | None = None  # the newest session's
 
     async def run(self) -> None:
         """Keep the filter of the present session alive until cancelled."""
@@ -69,8 +71,8 @@ class Sessions:
 
     def summaries(self) -> list[SessionSummary]:
         """All sessions, the newest first."""
-        is_put_away = bool(self.past) and self.past[0].number == self.number
-        return list(self.past) if is_put_away else [self._summary(), *self.past]
+        is_past = bool(self.past) and self.past[0].number == self.number
+        return list(self.past) if is_past else [self._summary(), *self.past]
 
     def rename(self, name: str) -> SessionSummary:
         """Call the newest session something else; its recording remembers."""
@@ -108,6 +110,7 @@ class Sessions:
         params = config.crunch
         recorder = self._open_recording(config)
         self.number += 1
+        self.recorder, self.is_put_away = recorder, False
         about = SessionStatus(
             number=self.number,
             name=name,
@@ -127,14 +130,14 @@ class Sessions:
             self._note_name()
 
     def close(self) -> None:
-        """End the session without waiting for anything: the server leaves."""
+        """End the session without waiting for anything: the server leaves, even where an ending was cut short."""
+        if self.is_put_away:
+            return
         if self.bridge.about.running:
-            recorder = self.bridge.recorder
             self.bridge.end()
-            self._put_away(recorder, self._summary(), self.bridge.look())
+        self._put_away(self._summary(), self.bridge.look())
 
     async def _end(self) -> SessionSummary:
-        recorder = self.bridge.recorder
         self.bridge.end()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(SETTLING):
@@ -143,7 +146,7 @@ class Sessions:
         if self.filtering is not None:
             self.filtering.cancel()
             await asyncio.wait([self.filtering])
-        summary = await asyncio.to_thread(self._put_away, recorder, self._summary(), self.bridge.look())
+        summary = await asyncio.to_thread(self._put_away, self._summary(), self.bridge.look())
         self.past.insert(0, summary)
         self.bridge.publish_status()
         return summary
@@ -155,18 +158,19 @@ class Sessions:
         status = self.bridge.estimator.status()
         return status.waiting == 0 or status.state == "failed"
 
-    def _put_away(self, recorder: Recorder | None, summary: SessionSummary, snapshot: Snapshot) -> SessionSummary:
-        """Close the recording and keep the map; what cannot be kept is told, and the recording can make it again."""
-        if recorder:
-            recorder.close()
-            print(f"Recorded in {recorder.path}", flush=True)
+    def _put_away(self, summary: SessionSummary, snapshot: Snapshot) -> SessionSummary:
+        """Close the recording and keep the map; why that failed stands in the summary; the recording can make it."""
+        self.is_put_away = True
+        if self.recorder:
+            self.recorder.close()
+            print(f"Recorded in {self.recorder.path}", flush=True)
         if summary.vertices < FEWEST:
             return summary
         try:
             return summary.model_copy(update={"map": self.keep_map(snapshot, summary)})
         except (UserError, OSError) as error:
             log.warning("the session's map was not kept: %s", error)
-            return summary
+            return summary.model_copy(update={"map_error": str(error)})
 
     def _feed(self) -> None:
         """Start the filter of the session, once `run` runs."""

@@ -26,6 +26,11 @@ class SessionSummary(SessionStatus):
     vertices: int = Field(examples=[92])
     path_length_m: float = Field(examples=[46.1])
     map: str | None = Field(default=None, examples=["7"], description="of the stored maps, once it has ended")
+    map_error: str = Field(
+        default="",
+        examples=[""],
+        description="why the map was not kept; POST recordings/{name}/maps makes it again",
+    )
 
 
 class NewSession(BaseModel):

@@ -11,9 +11,10 @@ import pytest
 from server.config import ConfigError, load
 from server.control import Refused
 from server.estimator import EstimatorStatus
+from server.map_store import StoreError
 from server.messages import Snapshot
 from server.recorded import open_log
-from server.recording import Kind, Reader
+from server.recording import Kind, Reader, Recorder
 from server.replay import run_log
 from server.rest.sessions import NotRunning
 from server.robots.crunch import Crunch, CrunchParams
@@ -215,6 +216,44 @@ def test_a_robot_that_only_stood_leaves_no_map(tmp_path):
         hand.advance(2.0)
         assert (await sessions.end()).map is None
         assert kept.maps == []
+
+    live(tmp_path, story)
+
+
+def test_an_ending_that_is_cut_short_is_finished_when_the_server_leaves(tmp_path):
+    async def story(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
+        drive_for(hand, 12.0, 0.3, 0.2)
+        assert hand.bridge.recorder is not None
+        opened.append((hand.bridge.recorder, sessions, kept))
+        ending = asyncio.create_task(sessions.end())
+        while hand.bridge.about.running:
+            await asyncio.sleep(0)
+        ending.cancel()  # as the web server does with a request that outlasts its goodbye
+        await asyncio.wait([ending])
+        assert kept.maps == [], "it was cut short"
+
+    opened: list[tuple[Recorder, Sessions, Kept]] = []
+    live(tmp_path, story)
+    ((recorder, sessions, kept),) = opened
+    assert recorder.descriptor < 0, "closed"
+    assert Reader(recorder.path).truncated_at is None
+    assert len(kept.maps) == 1
+    sessions.close()
+    assert len(kept.maps) == 1, "once"
+
+
+def test_a_map_that_cannot_be_kept_says_why(tmp_path):
+    async def story(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
+        def full(snapshot: Snapshot, about: SessionStatus) -> str:
+            raise StoreError("crunch.db: cannot be used (disk is full); make room")
+
+        sessions.keep_map = full
+        drive_for(hand, 12.0, 0.3, 0.2)
+        ended = await sessions.end()
+        assert (ended.map, ended.map_error) == (None, "crunch.db: cannot be used (disk is full); make room")
+        assert sessions.summaries()[0] == ended
+        await sessions.begin()
+        assert sessions.summaries()[1] == ended, "whoever began the next one can still be told"
 
     live(tmp_path, story)
 
