@@ -61,7 +61,7 @@ connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "refused") refuse(detail.header);
 });
 connection.addEventListener("notice", ({ detail }) => {
-  if (detail.header.kind === "proposal") proposeGoal([detail.header.x, detail.header.y]);
+  if (detail.header.kind === "proposal") hearProposal([detail.header.x, detail.header.y]);
 });
 connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
 connection.addEventListener("pose", ({ detail }) => {
@@ -172,6 +172,7 @@ function bannerText() {
   if (!status.link.connected) return ["bad", "The robot's link is not connected."];
   if (status.robot.state === "fallen") return ["bad", "The robot has fallen. Stand it up, then press Arm."];
   if (connection.isLocked) return ["warn", "No fresh data: driving is locked until it comes back."];
+  if (status.filter.state === "restarting") return ["warn", `The path filter was lost (${status.filter.reason}) and is started again. Nothing mapped is lost.`];
   if (status.filter.state === "failed") return ["bad", `The path filter was given up (${status.filter.reason}). Driving and recording go on.`];
   return ["", ""];
 }
@@ -182,6 +183,14 @@ function proposeGoal(place) {
   if (replay) return;
   goals.propose(place);
   names.offer(place);
+}
+
+function hearProposal(place) {
+  if (replay) return;
+  goals.hear(place, () => {
+    goals.show(place);
+    names.offer(place);
+  });
 }
 
 $("cancel").onclick = () => driver.cancelGoal();
@@ -203,6 +212,7 @@ $("map-save").onclick = () => maps.save();
 
 $("menu-open").onclick = () => openMenu(!$("menu").classList.contains("open"));
 document.addEventListener("click", ({ target }) => !$("menu-open").contains(target) && openMenu(false));
+document.addEventListener("pointerdown", ({ target }) => !target.closest("nav") && openMenu(false), { capture: true }); // a drag is no click
 
 /** On narrow screens the header's links are behind one button. */
 function openMenu(isOpen) {

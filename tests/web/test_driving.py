@@ -2,7 +2,7 @@
 
 from tests.served import Served, wait_until
 from tests.web.conftest import Open, Watched
-from tests.web.test_page import DRIVER, at_rest, dismiss, distance_in
+from tests.web.test_page import DRIVER, PHONE, at_rest, centre, dismiss, distance_in
 
 PAD = """(() => {
     globalThis.pad = {
@@ -157,3 +157,88 @@ def test_the_page_says_when_an_obstacle_bends_the_way(served: Served, visit: Ope
     page.wait("/obstacle|ahead/.test(document.getElementById('assist').textContent)")
     page.page.keyboard.up("w")
     page.wait("document.getElementById('assist').hidden")
+
+
+def elsewhere(page: Watched, x: float, y: float) -> None:
+    """A place that somebody clicked in another view reaches this page."""
+    page.value(f"crunch.connection.announce('notice', {{ header: {{ kind: 'proposal', x: {x}, y: {y} }} }})")
+
+
+def test_a_place_from_elsewhere_takes_neither_the_focus_nor_an_open_card(served: Served, visit: Open):
+    page = dismiss(visit(served))
+    page.wait("crunch.pose")
+    page.page.focus("#limit")
+    elsewhere(page, 1.0, 2.0)
+    assert page.page.inner_text("#goal-place") == "1.0, 2.0 m"
+    assert page.value("document.activeElement.id") == "limit"
+    page.page.click("text=Name it")
+    page.page.keyboard.type("Kit")
+    elsewhere(page, 3.0, 4.0)
+    page.page.keyboard.type("chen")
+    assert page.value("document.activeElement.value") == "Kitchen", "the name is typed on"
+    assert page.value("crunch.map.candidate") == [1, 2]
+    elsewhere(page, 5.0, 6.0)
+    assert page.page.locator("#toasts .toast").all_inner_texts() == ["Another place was proposed: 5.0, 6.0 m.\nShow"]
+    page.page.click("#toasts >> text=Show")
+    assert page.value("crunch.map.candidate") == [5, 6]
+    assert page.page.inner_text("#goal-place") == "5.0, 6.0 m"
+    assert page.value("document.querySelector('#goal-card input').value") == ""
+
+
+def test_what_lies_over_the_page_lets_go_and_only_stops_meanwhile(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served))
+    page.wait("!crunch.driver.isLocked")
+    page.page.keyboard.down("w")
+    page.wait(f"{DRIVER}?.leased")
+    page.page.click("#library-open")
+    page.wait("crunch.driver.source === null")
+    page.page.keyboard.up("w")
+    wait_until(lambda: not served.status()["driver"]["leased"])
+    for key in ("w", "ArrowUp"):
+        page.page.keyboard.down(key)
+        assert page.value("crunch.driver.source") is None
+        page.page.keyboard.up(key)
+    page.page.keyboard.press("Space")
+    page.wait(f"{DRIVER}.stopped_by === crunch.connection.viewer")
+    page.page.click("#library-close")
+    page.page.click("#resume")
+    page.wait(f"{DRIVER}.stopped_by === null")
+    page.page.keyboard.down("w")
+    page.wait(f"{DRIVER}.leased")
+    page.page.keyboard.up("w")
+
+
+def test_a_pad_that_was_held_under_the_library_drives_once_it_has_let_go(served: Served, visit: Open):
+    page = with_pad(served, visit)
+    page.page.click("#library-open")
+    page.value("pad.axes[1] = -1")
+    press(page, 5, True)
+    page.page.wait_for_timeout(200)
+    page.page.click("#library-close")
+    page.page.wait_for_timeout(200)
+    assert page.value("crunch.driver.source") is None
+    press(page, 5, False)
+    page.page.wait_for_timeout(100)
+    press(page, 5, True)
+    drives(page)
+    press(page, 5, False)
+    page.wait("crunch.driver.source === null")
+
+
+def test_the_phones_menu_makes_way_for_the_stick(served: Served, visit: Open):
+    at_rest(served)
+    page = dismiss(visit(served, **PHONE))
+    page.wait("!crunch.driver.isLocked")
+    page.page.locator("#stick").scroll_into_view_if_needed()
+    x, y = centre(page.page, "#stick")
+    page.page.click("#menu-open")
+    page.page.keyboard.down("w")
+    assert page.value("crunch.driver.source") is None
+    page.page.keyboard.up("w")
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x, y - 30)
+    assert page.value("crunch.driver.source") == "stick"
+    page.page.mouse.up()
+    assert page.page.locator("#menu").is_hidden()
