@@ -20,6 +20,16 @@ SHOW = """(suggestions) => {
   crunch.connection.announce("suggestions", frame);
 }"""
 
+LISTEN = """(() => {
+  globalThis.said = [];
+  const send = crunch.connection.send.bind(crunch.connection);
+  crunch.connection.send = (word) => send(word, said.push(word.type));
+})()"""
+HIDE = """(() => {
+  Object.defineProperty(document, "hidden", { value: true, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+})()"""
+
 
 @pytest.fixture(scope="module")
 def served(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
@@ -42,6 +52,24 @@ def test_a_goal_in_another_room_is_reached_by_a_planned_way_that_is_shown(served
     status = served.status()
     assert math.dist(status["robot"]["pose"][:2], GOAL) < 0.5, status["stops"]
     page.page.wait_for_selector("#route-state", state="hidden")
+
+
+def test_a_goal_goes_on_while_the_page_is_visible_and_ends_when_it_is_hidden(served: Served, visit: Open):
+    page = visit(served)
+    page.wait(f"{ROUTE} && crunch.pose && !crunch.driver.isLocked")
+    is_there = math.dist(served.status()["robot"]["pose"][:2], GOAL) < 1.0
+    page.page.evaluate("place => crunch.driver.goTo(place)", [0.0, 0.0] if is_there else GOAL)
+    page.wait("crunch.pose.goal")
+    page.value(LISTEN)
+    page.value("dispatchEvent(new Event('blur'))")
+    page.wait("said.filter((type) => type === 'hold').length > 3")
+    assert set(page.value("said")) <= {"hold", "ack", "ping"}, "nothing was held, so nothing is let go"
+    page.value(HIDE)
+    assert page.value("said").count("cancel") == 1
+    wait_until(lambda: served.status()["driver"]["goal"] is None)
+    page.value("said.length = delete document.hidden && 0")
+    page.page.wait_for_timeout(300)
+    assert "hold" not in page.value("said"), "seen again, it does not begin to drive by itself"
 
 
 def test_a_place_without_a_way_says_why(served: Served, visit: Open):
