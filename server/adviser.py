@@ -5,6 +5,7 @@ Asks no clock. Uses its sibling `navigator` (which floor there is to drive on).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -16,6 +17,8 @@ from server.navigator import floor_of
 from slam.cost_grid import CostParams
 from slam.planning import NoWay, let_out, reach_from
 from slam.suggestions import Suggestion, SuggestionParams, suggest
+
+log = logging.getLogger(__name__)
 
 PERIOD = 3.0  # s from one advice to the next
 
@@ -39,7 +42,11 @@ class Adviser:
     def tick(self, t: float, look: Callable[[], Snapshot]) -> None:
         """To be called often while somebody watches, with a way to look at the robot if need be."""
         if self.work is not None and self.work.done():
-            self.suggestions, self.work = self.work.result(), None
+            work, self.work = self.work, None
+            try:
+                self.suggestions = work.result()
+            except Exception:
+                log.exception("no advice")  # the robot drives without it
         if self.work is not None or t - self.asked < PERIOD:
             return
         self.asked = t

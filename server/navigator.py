@@ -1,11 +1,13 @@
 """The way to the driver's goal: planned on the best map, handed to the robot, and planned anew when that is called for.
 
 It is called for when the map has grown or moved, and when the robot makes no way. Plans are made in a thread, since
-they take longer than the event loop has; the robot goes on meanwhile. Asks no clock. Uses its sibling `control`.
+they take longer than the event loop has, and one at a time; the robot goes on meanwhile. Asks no clock. Uses its
+sibling `control`.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -22,6 +24,8 @@ from slam.params import Params
 from slam.planning import NoWay, Route, let_out, plan, way_cost
 from slam.suggestions import SuggestionParams
 from slam.walls import Walls
+
+log = logging.getLogger(__name__)
 
 CHECK_PERIOD = 0.2  # s between two looks at how the robot gets on
 REMEMBERED = 30.0  # s that viewers are told why a goal was given up
@@ -116,6 +120,8 @@ class Navigator:
     def __init__(self, params: NavigatorParams, executor: Executor | None = None):
         self.params = params
         self.executor = executor or ThreadPoolExecutor(1, "navigator")
+        self.work: Future[Way] | None = None
+        self.dropped: Future[Way] | None = None  # a plan that nobody wants any more, and that may still be made
         self.begin()
 
     def begin(self) -> None:
@@ -123,7 +129,7 @@ class Navigator:
         self.standing = Standing()
         self.changed = -math.inf  # when the standing did
         self.goal: Goal | None = None  # the driver's
-        self.work: Future[Way] | None = None
+        self.drop()
         self.planned_on = np.zeros((0, 3))  # the best path of the newest plan
         self.checked = -math.inf
         self.shortest = math.inf  # m that were left at the best
@@ -141,18 +147,26 @@ class Navigator:
             return []
         if self.work is not None:
             return self.take(self.work, goal, t, control, look) if self.work.done() else []
-        if t - self.checked < CHECK_PERIOD:
+        is_busy = self.dropped is not None and not self.dropped.done()
+        if is_busy or t - self.checked < CHECK_PERIOD:
             return []
         self.checked = t
         return self.watch(goal, t, control, look())
 
     def head_for(self, goal: Goal | None, t: float) -> None:
         """The driver has another goal, or none any more."""
-        self.goal, self.work = goal, None
+        self.goal = goal
+        self.drop()
         self.planned_on = np.zeros((0, 3))
         self.shortest, self.gained, self.failures = math.inf, t, 0
         self.checked = -math.inf
         self.stand("none" if goal is None else "planning", t)
+
+    def drop(self) -> None:
+        """Forget the plan that is being made. What cannot be called off any more is waited for before the next."""
+        if self.work is not None and not self.work.cancel():
+            self.dropped = self.work
+        self.work = None
 
     def watch(self, goal: Goal, t: float, control: Control, snapshot: Snapshot) -> list[Message]:
         """Plan if there is no way yet, if the map has changed, or if the robot makes no way."""
@@ -187,7 +201,11 @@ class Navigator:
     def take(self, work: Future[Way], goal: Goal, t: float, control: Control, look: Look) -> list[Message]:
         """A plan is there: the robot gets it, unless it has arrived meanwhile."""
         self.work = None
-        way = work.result()
+        try:
+            way = work.result()
+        except Exception as error:
+            log.exception("planning failed")
+            return self.give_up(f"planning failed ({error})", t, control)
         if look().goal is None:
             return []
         if way.reason and (self.standing.state != "driving" or self.failures):

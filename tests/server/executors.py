@@ -32,5 +32,6 @@ class Later(Executor):
     def finish(self) -> None:
         """Do what waits."""
         for future, work in self.waiting:
-            future.set_result(work())
+            if future.running() or future.set_running_or_notify_cancel():
+                future.set_result(work())
         self.waiting = []

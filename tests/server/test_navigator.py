@@ -104,6 +104,56 @@ def test_until_the_plan_is_there_it_is_being_planned_and_a_later_goal_wins():
     assert sum(isinstance(message, Goal) and message.place == (5.0, 0.0) for message in driven.heard) == 1
 
 
+def test_many_goals_leave_one_plan_to_be_made():
+    driven = Driven(later=True)
+    assert isinstance(driven.executor, Later)
+    driven.go(5.0, 0.0)
+    driven.tick(0.3)
+    ((running, _),) = driven.executor.waiting
+    running.set_running_or_notify_cancel()
+    for step in range(100):
+        driven.go(0.5, 0.01 * step)
+        driven.tick(0.3)
+    assert len(driven.executor.waiting) == 1, "the next waits for the one that is being made"
+    driven.executor.finish()
+    driven.tick(0.3)
+    assert len(driven.executor.waiting) == 1
+    assert driven.state == "planning"
+    driven.executor.finish()
+    driven.tick(0.3)
+    assert driven.state == "driving"
+    assert driven.seen.goal == (0.5, 0.99)
+
+
+def test_a_plan_that_has_not_begun_is_called_off_with_its_goal():
+    driven = Driven(later=True)
+    assert isinstance(driven.executor, Later)
+    driven.go(5.0, 0.0)
+    driven.tick(0.3)
+    ((waiting, _),) = driven.executor.waiting
+    driven.navigator.begin()
+    assert waiting.cancelled()
+
+
+def test_a_plan_that_fails_gives_the_goal_up_and_the_next_is_planned():
+    driven = Driven(later=True)
+    assert isinstance(driven.executor, Later)
+    driven.go(5.0, 0.0)
+    driven.tick(0.3)
+    ((failing, _),) = driven.executor.waiting
+    failing.set_exception(ValueError("no such cell"))
+    driven.executor.waiting = []
+    driven.tick()
+    assert driven.navigator.standing == Standing("blocked", "planning failed (no such cell)")
+    assert isinstance(driven.heard[-1], Stop)
+    assert driven.control.goal is None
+    driven.go(5.0, 0.0)
+    driven.tick(0.3)
+    driven.executor.finish()
+    driven.tick(0.1)
+    assert driven.state == "driving"
+
+
 def test_a_goal_taken_back_ends_it():
     driven = Driven(later=True)
     driven.go(5.0, 0.0)
@@ -217,6 +267,20 @@ def test_the_adviser_names_the_start_and_how_far_it_is():
     assert math.dist((first["x"], first["y"]), (0.0, 0.0)) < 2.0
     assert math.dist((first["x"], first["y"]), snapshot.pose[:2]) <= first["drive_m"] + 0.1
     assert first["text"].startswith("Drive ")
+
+
+def test_advice_that_fails_ends_nothing():
+    snapshot = drifted()
+    executor = Later()
+    adviser = Adviser(SuggestionParams(), CostParams(), executor)
+    adviser.tick(0.0, lambda: snapshot)
+    ((failing, _),) = executor.waiting
+    failing.set_exception(ValueError("no such cell"))
+    executor.waiting = []
+    adviser.tick(0.1, lambda: snapshot)
+    assert adviser.work is None
+    adviser.tick(10.0, lambda: replace(snapshot, affinity=2.0))
+    assert adviser.work is not None
 
 
 def test_the_adviser_is_not_asked_again_before_something_is_new():
