@@ -223,6 +223,8 @@ def test_a_robot_that_only_stood_leaves_no_map(tmp_path):
 def test_an_ending_that_is_cut_short_is_finished_when_the_server_leaves(tmp_path):
     async def story(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
         drive_for(hand, 12.0, 0.3, 0.2)
+        while status_of(hand).waiting:
+            await asyncio.sleep(0.02)
         assert hand.bridge.recorder is not None
         opened.append((hand.bridge.recorder, sessions, kept))
         ending = asyncio.create_task(sessions.end())
