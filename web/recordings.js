@@ -103,8 +103,9 @@ export class Recordings {
     }
     button.disabled = true;
     this.act(async () => {
-      const { map } = await ask("sessions/current/end", { method: "POST" });
-      toast(map ? "Session ended; its map is among the maps" : "Session ended", { level: "good" });
+      const ended = await ask("sessions/current/end", { method: "POST" });
+      if (ended.map_error) return toast(notKept(ended), { label: "Close", level: "bad" });
+      return toast(ended.map ? "Session ended; its map is among the maps" : "Session ended", { level: "good" });
     });
   }
 
@@ -118,10 +119,17 @@ export class Recordings {
       event.preventDefault();
       const settings = particles.value ? { "crunch.filter.particles": Number(particles.value) } : {};
       document.activeElement?.blur();
-      await this.act(() => ask("sessions", { method: "POST", body: { name: name.value, settings } }), "A new session has begun");
+      const begun = await this.act(() => ask("sessions", { method: "POST", body: { name: name.value, settings } }), "A new session has begun");
+      if (begun && session.running) this.checkMap(session.number);
     };
     if (!session.running) return form;
     return element("details", {}, element("summary", {}, "New session"), element("p", { class: "note" }, "The session that runs is ended first, and its map is kept."), form);
+  }
+
+  /** Whether the map of a session that another one has ended was kept. */
+  async checkMap(number) {
+    const ended = (await ask("sessions").catch(() => [])).find((one) => one.number === number);
+    if (ended?.map_error) toast(notKept(ended), { label: "Close", level: "bad" });
   }
 
   // The recordings.
@@ -184,8 +192,17 @@ export class Recordings {
   }
 }
 
-function factsOf({ running, began, vertices, path_length_m: metres, recording }) {
-  if (!running) return "Nobody can drive, and nothing is recorded or mapped, until a session begins.";
+/** Why the map of an ended session is missing, and what to do. */
+function notKept({ map_error: reason }) {
+  return `The map was not kept: ${reason}. When that is mended, press Keep map beside its recording.`;
+}
+
+function factsOf(session) {
+  const { running, began, vertices, path_length_m: metres, recording } = session;
+  if (!running) {
+    const lost = session.map_error ? ` ${notKept(session)}` : "";
+    return `Nobody can drive, and nothing is recorded or mapped, until a session begins.${lost}`;
+  }
   const facts = [`since ${dateTime(began)}`, `${vertices} ${vertices === 1 ? "vertex" : "vertices"}`, `${metres.toFixed(1)} m`];
   return [...facts, ...(recording ? [] : ["not recorded"])].join(" · ");
 }

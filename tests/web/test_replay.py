@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from server.map_store import DATABASE
 from tests.served import Served, demo, wait_until
 from tests.server.rendered import SECONDS, drive
 from tests.web.conftest import Open, Watched
@@ -35,6 +36,13 @@ def replay(served: Served, visit: Open, name: str, **options) -> Watched:
         page.page.keyboard.press("Space")
     page.wait(f"!{STATE}.playing")
     return page
+
+
+def command(served: Served, word: dict) -> None:
+    """POST commands."""
+    headers = {"Content-Type": "application/json", "X-Crunch-Client": "test"}
+    request = urllib.request.Request(f"{served.address}api/v1/commands", json.dumps(word).encode(), headers)
+    urllib.request.urlopen(request, timeout=10).close()
 
 
 def seek(page: Watched, t: float) -> None:
@@ -139,6 +147,28 @@ def test_a_session_is_named_ended_and_followed_by_another(shelved: Served, visit
     wait_until(lambda: shelved.status()["robot"]["distance_m"] > 0.2)
     page.page.keyboard.up("w")
     page.page.close()
+
+
+def test_a_map_that_cannot_be_kept_is_told_with_the_remedy(browser, visit: Open, tmp_path: Path):
+    assert browser.is_connected()
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / DATABASE).write_bytes(b"no database at all " * 1000)
+    with demo(tmp_path, "--autopilot", "--speed", "8") as served:
+        page = visit(served)
+        page.page.click("#hint-close")
+        page.page.click("#library-open")
+        wait_until(lambda: served.status()["map"]["vertices"] >= 3)
+        page.page.click("text=New session")
+        page.page.click("text=Begin a session")
+        page.page.wait_for_selector(".toast >> text=The map was not kept")
+        wait_until(lambda: served.status()["session"]["number"] == 2)
+        command(served, {"type": "autopilot", "on": True})
+        wait_until(lambda: served.status()["map"]["vertices"] >= 3)
+        page.page.click("text=End session")
+        page.page.click("text=Press again to end")
+        page.page.wait_for_selector(".session >> text=The map was not kept")
+        assert "Keep map" in page.page.inner_text(".session")
+        page.page.close()
 
 
 def test_a_recording_is_renamed_deleted_and_taken_back(shelved: Served, visit: Open):
