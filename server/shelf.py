@@ -7,6 +7,7 @@ methods may be called from any thread and wait for the disk: call them off the e
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import sqlite3
@@ -100,7 +101,19 @@ class Shelf:
             raise Busy(f"{name} is being recorded: end the session first")
         trash = self.folder / TRASH
         trash.mkdir(exist_ok=True)
-        os.replace(path, trash / path.name)
+        with self.lock:
+            deleted = trash / path.name
+            if deleted.exists():  # an older one of that name makes room, so that what was deleted last comes back first
+                os.rename(deleted, self.free_in_trash(name))
+            os.rename(path, deleted)
+
+    def free_in_trash(self, name: str) -> Path:
+        """A place in the trash with a number behind the name, which nothing else has, here or there."""
+        for number in itertools.count(2):
+            place = self.folder / TRASH / f"{name}-{number}{SUFFIX}"
+            if not place.exists() and not (self.folder / place.name).exists():
+                return place
+        raise AssertionError("there is always another number")
 
     def restore(self, name: str) -> Recording:
         """Take a recording out of the trash; NoSuchRecording, Busy where another one has its name."""

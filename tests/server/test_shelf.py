@@ -98,6 +98,19 @@ def test_nothing_is_overwritten_and_nothing_running_is_deleted(tmp_path):
     assert shelf.recording("run").duration_s == 2.0
 
 
+def test_the_trash_keeps_all_of_one_name_and_gives_the_last_one_back(tmp_path):
+    shelf = Shelf(tmp_path)
+    contents = []
+    for duration in (10.0, 2.0, 6.0):
+        contents.append(record(tmp_path, "run", duration).read_bytes())
+        shelf.delete("run")
+    record(tmp_path, "run-4")
+    trash = tmp_path / ".trash"
+    assert sorted(path.read_bytes() for path in trash.iterdir()) == sorted(contents)
+    assert shelf.restore("run").duration_s == 6.0
+    assert {shelf.restore("run-2").duration_s, shelf.restore("run-3").duration_s} == {10.0, 2.0}
+
+
 @pytest.mark.parametrize("name", ["", ".", "..", "../run", "/etc/passwd", ".trash/run", "a\0b", ".hidden", "none"])
 def test_names_lead_nowhere_else(tmp_path, name):
     folder = tmp_path / "recordings"
