@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 MAX_WORDS_PER_SECOND = 200
 MAX_NONSENSE = 20  # words that cannot be understood, before the line is cut
 MAX_WORD_BYTES = 4096
+MAX_REASON_BYTES = 123  # RFC 6455, 5.5: a control frame's 125 less the code
 
 
 class Gone(Exception):
@@ -57,6 +58,11 @@ def report_unexpected(reasons: BaseExceptionGroup) -> None:
     for reason in reasons.exceptions:
         if isinstance(reason, RuntimeError) and "close" not in str(reason) and "Unexpected ASGI" not in str(reason):
             raise reason
+
+
+def close_reason(text: str) -> str:
+    """As much of a reason as a closing frame can hold."""
+    return text.encode()[:MAX_REASON_BYTES].decode(errors="ignore")
 
 
 class Patience:

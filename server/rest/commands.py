@@ -6,6 +6,8 @@ Who may move the robot is decided by `server.control`; a refused word is answere
 
 from __future__ import annotations
 
+import hmac
+import secrets
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Header, HTTPException
@@ -16,6 +18,7 @@ from server.rest.answers import refusal
 from server.views import DriverStatus
 from server.words import CommandWord
 
+NAMELESS = "say who you are in the header X-Crunch-Client; only stop is anybody's"
 NAME = r"^[A-Za-z0-9 ._-]+$"
 EXAMPLES: dict[str, Any] = {
     "stop": {"summary": "Stand still; from anyone, at any time", "value": {"type": "stop"}},
@@ -36,22 +39,49 @@ EXAMPLES: dict[str, Any] = {
 def command_routes(cockpit: Cockpit) -> APIRouter:
     """The one route that changes what the robot does."""
     router = APIRouter(prefix=PREFIX)
+    secret = secrets.token_bytes(16)
 
-    @router.post("/commands", tags=["driving"], responses={409: refusal("Refused", "stopped: press Resume first")})
+    @router.post(
+        "/commands",
+        tags=["driving"],
+        responses={
+            400: refusal("Nobody said it", NAMELESS),
+            409: refusal("Refused", "stopped: press Resume first"),
+        },
+    )
     async def command(
         word: Annotated[CommandWord, Body(discriminator="type", openapi_examples=EXAMPLES)],
         x_crunch_client: Annotated[
-            str, Header(max_length=40, pattern=NAME, description="who speaks, as viewers see it", examples=["laptop"])
-        ] = "somebody",
+            str | None,
+            Header(max_length=40, pattern=NAME, description="who speaks, as viewers see it", examples=["laptop"]),
+        ] = None,
+        x_crunch_key: Annotated[
+            str | None,
+            Header(
+                max_length=200,
+                description="a secret of the client's own: nobody without it can speak for it",
+                examples=["2f6b1c9e0d"],
+            ),
+        ] = None,
     ) -> DriverStatus:
         """Say one word of the stream's, without a stream; answers who drives after it.
 
-        The lease is the same: who drives repeats itself within 300 ms, and silence stops the robot.
+        The lease is the same: who drives repeats itself within 300 ms, and silence stops the robot. Every word but
+        `stop` needs `X-Crunch-Client`; with a key besides, whoever gives the same name without it is somebody else.
         """
+        if x_crunch_client is None and word.type != "stop":
+            raise HTTPException(400, NAMELESS)
         try:
-            cockpit.hear(f"{x_crunch_client} (REST)", word)  # a name that no page can have
+            cockpit.hear(speaker(x_crunch_client or "somebody", x_crunch_key, secret), word)
         except Refused as refused:
             raise HTTPException(409, str(refused)) from None
         return cockpit.status().driver
 
     return router
+
+
+def speaker(client: str, key: str | None, secret: bytes) -> str:
+    """A name that no page can have, nor a client with another key; what is shown of the key does not betray it."""
+    if key is None:
+        return f"{client} (REST)"
+    return f"{client} (REST, {hmac.new(secret, key.encode(), 'sha256').hexdigest()[:8]})"

@@ -18,7 +18,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.cockpit import PREFIX
-from server.conversation import converse, tell
+from server.conversation import close_reason, converse, tell
 from server.errors import UserError
 from server.map_store import MapStore, StoredMap
 from server.messages import Label
@@ -161,7 +161,7 @@ def add_replay(router: APIRouter, shelf: Shelf, renderer: Renderer) -> None:
             path = await asyncio.to_thread(shelf.path, name)
             cache = await renderer.open(path)
         except UserError as error:
-            await socket.close(UNREADABLE, str(error).removeprefix(f"{shelf.folder}/")[:120])
+            await socket.close(UNREADABLE, close_reason(str(error).removeprefix(f"{shelf.folder}/")))
             return
         viewer = Viewer(f"replay-{next(numbers)}", socket.send_bytes)
         present.add(viewer)

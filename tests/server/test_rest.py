@@ -57,11 +57,35 @@ def test_a_program_drives_by_repeating_itself_and_silence_stops(client, session)
 def test_a_refused_command_is_409_with_the_reason(client, session):
     assert client.post(COMMANDS, json={"type": "stop"}).json()["stopped_by"] == "somebody (REST)"
     word = {"type": "drive", "speed": 0.3, "turn": 0.0, "seen": session.bridge.t}
-    answer = client.post(COMMANDS, json=word)
+    answer = client.post(COMMANDS, json=word, headers={"X-Crunch-Client": "laptop"})
     assert (answer.status_code, answer.json()) == (409, {"detail": "stopped: press Resume first"})
-    old = client.post(COMMANDS, json={**word, "seen": session.bridge.t - 5.0})
+    old = client.post(COMMANDS, json={**word, "seen": session.bridge.t - 5.0}, headers={"X-Crunch-Client": "laptop"})
     assert old.status_code == 409
     assert "too old" in old.json()["detail"]
+
+
+def test_only_stop_needs_no_name(client, session):
+    drive = {"type": "drive", "speed": 0.3, "turn": 0.0, "seen": session.bridge.t}
+    for word in (drive, {"type": "ask"}, {"type": "resume"}, {"type": "arm", "armed": True}):
+        answer = client.post(COMMANDS, json=word)
+        assert (answer.status_code, "X-Crunch-Client" in answer.json()["detail"]) == (400, True)
+        assert session.bridge.status().driver.viewer is None
+    assert client.post(COMMANDS, json={"type": "stop"}).status_code == 200
+
+
+def test_a_client_with_a_key_is_no_other_of_its_name(client, session):
+    def say(**headers: str) -> tuple[int, str | None]:
+        word = {"type": "drive", "speed": 0.1, "turn": 0.0, "seen": session.bridge.t}
+        answer = client.post(COMMANDS, json=word, headers={"X-Crunch-Client": "laptop"} | headers)
+        return answer.status_code, session.bridge.status().driver.viewer
+
+    key = {"X-Crunch-Key": "3f2b-of-its-own"}
+    status, driver = say(**key)
+    assert (status, key["X-Crunch-Key"] in driver) == (200, False), "the key is not shown"
+    assert say()[0] == say(**{"X-Crunch-Key": "guessed"})[0] == 409
+    posing = driver.removesuffix(")").replace("(", "").replace(",", "")
+    assert say(**{"X-Crunch-Client": posing})[0] == 409
+    assert say(**key) == (200, driver)
 
 
 def test_no_program_can_speak_for_a_page(client, session):

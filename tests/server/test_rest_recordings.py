@@ -114,3 +114,14 @@ def test_the_socket_tells_why_there_is_nothing_to_play(client, name, told):
         socket.receive_bytes()
     assert end.value.code == UNREADABLE
     assert told in end.value.reason
+
+
+def test_a_name_of_many_bytes_is_refused_in_a_reason_that_fits(client):
+    with (
+        client.websocket_connect(f"{SOCKETS}/{'ü' * 100}/stream") as socket,
+        pytest.raises(WebSocketDisconnect) as closed,
+    ):
+        socket.receive_bytes()
+    assert closed.value.code == UNREADABLE
+    assert closed.value.reason.startswith("there is no recording üüü")
+    assert 121 <= len(closed.value.reason.encode()) <= 123, "what a closing frame holds"

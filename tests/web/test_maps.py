@@ -38,9 +38,8 @@ def mapped(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 def ask(served: Served, method: str, address: str, body: Any = None) -> Any:
     """A request of REST."""
     data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(
-        f"{served.address}api/v1/{address}", data, {"Content-Type": "application/json"}, method=method
-    )
+    headers = {"Content-Type": "application/json", "X-Crunch-Client": "test"}
+    request = urllib.request.Request(f"{served.address}api/v1/{address}", data, headers, method=method)
     with urllib.request.urlopen(request, timeout=60) as answer:
         return json.loads(answer.read() or "null")
 
