@@ -1,7 +1,11 @@
 """The page in a real browser: it shows the robot, drives it, stops it, and lets go of it in every way out."""
 
+import json
 import math
+import os
+import signal
 import time
+import urllib.request
 
 from playwright.sync_api import Page
 
@@ -10,6 +14,18 @@ from tests.web.conftest import GOOD, Open, Watched
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 3}
 DRIVER = "crunch.status?.driver"
+RESTARTS = """(() => {
+    const name = [...document.querySelectorAll("#health dt")].find((dt) => dt.textContent === "Restarts");
+    return name.nextSibling.textContent;
+})()"""
+REMEMBER = """(() => {
+    const [banner, chip] = ["banner", "chip-filter"].map((id) => document.getElementById(id));
+    Object.assign(globalThis, { told: [], lengths: [] });
+    const text = (one) => (one.hidden ? "" : one.textContent);
+    const tell = () => told.push([text(banner), text(chip.lastElementChild), chip.dataset.level]);
+    new MutationObserver(tell).observe(document.body, { subtree: true, childList: true, attributes: true });
+    crunch.connection.addEventListener("path", ({ detail }) => lengths.push(detail.arrays.path.shape[0]));
+})()"""  # what the page tells of the filter, however briefly, and how long the map has been
 
 
 def dismiss(watched: Watched) -> Watched:
@@ -186,6 +202,36 @@ def test_a_click_proposes_a_goal_and_the_button_drives_there(served: Served, vis
     wait_until(lambda: served.status()["driver"]["goal"] is None)
 
 
+def test_an_objective_is_clicked_and_reached(visit: Open, tmp_path):
+    """With the default lease: where a busy machine makes the page hold its breath for 0.3 s the robot stops, and the
+    driver clicks once more, as a person would. Without words that hold the objective so few clicks would not do."""
+    with demo(tmp_path, "--world", "demo", "--plan", "demo") as served:
+        with urllib.request.urlopen(served.address + "api/v1/config", timeout=10) as answer:
+            radius = json.load(answer)["crunch"]["goal_radius"]
+        page = dismiss(visit(served))
+        page.wait("crunch.pose")
+        x, y, heading = page.value("crunch.pose.pose")
+        place = [x + 0.9 * math.cos(heading), y + 0.9 * math.sin(heading)]
+        distance = math.inf
+        for _ in range(4):
+            page.wait("!crunch.driver.isLocked")
+            left, top = page.value(f"crunch.map.toScreen({place})")
+            box = page.page.locator("#map").bounding_box()
+            assert box is not None
+            page.page.mouse.click(box["x"] + left, box["y"] + top)
+            clicked = page.value("crunch.map.candidate")
+            assert math.dist(clicked, place) < 0.1, "the map may have followed the robot by a few centimetres"
+            page.page.get_by_role("button", name="Drive here").click()
+            wait_until(lambda: served.status()["driver"]["goal"] is None and not page.value("crunch.driver.hasGoal"))
+            distance = math.dist(served.status()["robot"]["pose"][:2], clicked)
+            if distance < radius:
+                break
+        assert distance < radius, served.status()["stops"]
+        page.page.wait_for_selector("#route-state", state="hidden")
+        wait_until(lambda: distance_in(served, 0.5) < 0.02)
+        page.page.close()
+
+
 def test_thumb_drives_on_a_phone(served: Served, visit: Open):
     at_rest(served)
     page = dismiss(visit(served, **PHONE))
@@ -229,6 +275,29 @@ def test_map_grows_while_the_autopilot_drives(visit: Open, tmp_path):
         page.wait(f"crunch.map.map.path.length >= {before + 5}")
         page.wait("crunch.map.walls.count > 5")
         page.page.click("#map-fit")
+        page.page.click("#autopilot")
+        page.wait("crunch.status.driver.autopilot === false")
+        page.page.close()
+
+
+def test_a_killed_filter_is_told_and_the_map_stays_whole_and_grows(visit: Open, tmp_path):
+    with demo(tmp_path, "--autopilot", "--speed", "4") as served:
+        page = dismiss(visit(served))
+        page.wait("crunch.map.map?.path.length >= 8")
+        page.value(REMEMBER)
+        first = page.value("crunch.status.filter.process_id")
+        before = page.value("crunch.map.map.path")
+        os.kill(first, signal.SIGKILL)
+        page.wait("told.some(([banner]) => banner.includes('started again'))")
+        page.wait("told.some(([, chip, level]) => chip === 'restarting' && level === 'bad')")
+        page.wait("crunch.status.filter.restarts === 1 && ['idle', 'busy'].includes(crunch.status.filter.state)")
+        page.wait(f"{RESTARTS} === '1'")
+        page.wait("!document.getElementById('banner').textContent.includes('started again')")
+        page.wait(f"crunch.map.map.path.length >= {len(before) + 4}")
+        page.wait("crunch.map.walls.seen.filter(Boolean).length >= crunch.map.map.path.length - 1")
+        assert page.value("Math.min(...lengths)") >= len(before), "the map never shrinks"
+        assert page.value("crunch.status.filter.process_id") not in (None, first)
+        assert page.value("crunch.status.filter.restarts") == 1
         page.page.click("#autopilot")
         page.wait("crunch.status.driver.autopilot === false")
         page.page.close()
