@@ -151,6 +151,7 @@ class Bridge:
 
     def end(self) -> None:
         """The session is over: the robot stands, nothing more is recorded or mapped. Its map stays to be looked at."""
+        self.control.stops.note(self.t, "the session ended", "session")
         self.halt()
         self.about = self.about.model_copy(update={"running": False})
         self.session.sink = self.recorder = None

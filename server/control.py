@@ -87,6 +87,8 @@ class Control:
                 return self._give(viewer, word.to, t)
             case ArmWord():
                 self._lead(viewer, t)
+                if not word.armed:
+                    self.stops.note(t, "disarmed", viewer)
                 return [*([] if word.armed else self._halt(t)), Arm(t, word.armed)]
             case AutopilotWord():
                 return self._switch_autopilot(viewer, word.on, t)
@@ -111,8 +113,7 @@ class Control:
 
     def stop(self, viewer: str, t: float) -> list[Message]:
         """Stand still, and stay so until the driver resumes; from anyone, at any time."""
-        if self.stopped_by is None:
-            self.stops.note(t, "pressed Stop", viewer)
+        self.stops.note(t, "pressed Stop", viewer)
         self.stopped_by = viewer
         if self.autopilot:
             self.autopilot = False

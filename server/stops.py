@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 KEPT = 20
+AGAIN = 1.0  # s within which the same said again is no other stop
 DRIVE_BOARD = "drive board"
 HARMLESS = ("none", "command", "link", "boot")  # a board's words for standing still because nobody drives it
 
@@ -20,7 +21,7 @@ class StopEntry(BaseModel):
 
     t: float = Field(examples=[61.3])
     reason: str = Field(examples=["pressed Stop"])
-    by: str = Field(examples=["viewer-2"], description="a viewer, 'drive board', 'link' or 'planner'")
+    by: str = Field(examples=["viewer-2"], description="a viewer, 'drive board', 'link', 'planner' or 'session'")
 
 
 class StopLog:
@@ -34,8 +35,11 @@ class StopLog:
         self.was_connected = False
 
     def note(self, t: float, reason: str, by: str) -> None:
-        """Another stop."""
+        """Another stop, unless it is the newest one said again."""
         entry = StopEntry(t=round(t, 3), reason=reason, by=by)
+        newest = self.entries[-1] if self.entries else None
+        if newest and (newest.reason, newest.by) == (reason, by) and entry.t - newest.t < AGAIN:
+            return
         self.entries.append(entry)
         if by != DRIVE_BOARD:
             self.remember(entry.model_dump())

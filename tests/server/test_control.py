@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from server.control import Control, ControlParams, Refused
 from server.messages import Arm, Drive, Goal, Stop
-from server.words import WORDS, AutopilotWord, DriveWord, GiveWord, GoalWord, HoldWord, PlainWord
+from server.words import WORDS, ArmWord, AutopilotWord, DriveWord, GiveWord, GoalWord, HoldWord, PlainWord
 
 FORWARD, STILL = (0.3, 0.0), (0.0, 0.0)
 
@@ -316,3 +316,13 @@ def test_nonsense_is_no_word(text):
 
 def test_whole_numbers_are_fine_as_javascript_writes_them():
     assert WORDS.validate_json('{"type": "drive", "speed": 0, "turn": 1, "seen": 2}') == drive(2.0, (0.0, 1.0))
+
+
+def test_every_stop_and_disarming_is_in_the_log():
+    helm = Control(ControlParams())
+    helm.hear("a", PlainWord(type="stop"), 1.0)
+    helm.hear("b", PlainWord(type="stop"), 2.0)
+    helm.hear("a", ArmWord(type="arm", armed=False), 3.0)
+    helm.hear("a", ArmWord(type="arm", armed=True), 4.0)
+    told = [(entry.t, entry.reason, entry.by) for entry in helm.stops.newest()]
+    assert told == [(3.0, "disarmed", "a"), (2.0, "pressed Stop", "b"), (1.0, "pressed Stop", "a")]

@@ -82,6 +82,7 @@ def test_what_a_session_found_is_kept_when_it_ends(tmp_path):
         drive_for(hand, 12.0, 0.3, 0.2)
         ended = await sessions.end()
         assert (ended.running, ended.name, ended.map) == (False, "One", "1")
+        assert hand.bridge.status().stops[0].reason == "the session ended"
         ((snapshot, about),) = kept.maps
         assert about.recording == ended.recording
         assert len(snapshot.path) == ended.vertices > 4

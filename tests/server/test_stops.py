@@ -15,6 +15,13 @@ def test_only_the_newest_are_kept_newest_first():
     assert [t for t, _, _ in told(log)] == [float(t) for t in reversed(range(5, KEPT + 5))]
 
 
+def test_a_stop_said_twice_in_a_moment_is_one_and_later_another():
+    log = StopLog()
+    for t, by in ((1.0, "anna"), (1.2, "anna"), (1.3, "ben"), (4.0, "ben")):
+        log.note(t, "pressed Stop", by)
+    assert told(log) == [(4.0, "pressed Stop", "ben"), (1.3, "pressed Stop", "ben"), (1.0, "pressed Stop", "anna")]
+
+
 def test_a_boards_stop_is_told_once_each_time_it_happens():
     log = StopLog()
     reasons = [None, "boot", "none", "fell", "fell", "none", "fell", "link", "command", "stall"]
