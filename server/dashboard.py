@@ -118,10 +118,6 @@ class Dashboard:
             section_color=(92, 98, 110), fade_distance=60.0,
         )  # fmt: skip
         self.robot = draw_body(server.scene)
-        server.gui.add_markdown(
-            "Drag to turn, scroll to come closer. Click on the floor to propose an objective: whoever drives confirms "
-            "it on [Crunch's page](/)."
-        )
         server.gui.add_button("Look from behind the robot").on_click(lambda event: self.look(event.client, behind))
         server.gui.add_button("Look from above").on_click(lambda event: self.look(event.client, above))
         with server.gui.add_folder("Layers"):

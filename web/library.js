@@ -13,7 +13,6 @@ export class Library {
     sheet.querySelector('[role="tablist"]').addEventListener("keydown", (event) => this.step(event));
     sheet.querySelector("#library-close").onclick = () => this.close();
     sheet.addEventListener("keydown", (event) => event.code === "Escape" && this.close());
-    sheet.addEventListener("close", () => this.leave());
   }
 
   /** Open at the tab of a pane's id, or where it was left. */
@@ -26,7 +25,9 @@ export class Library {
   }
 
   close() {
-    if (this.sheet.open) this.sheet.close();
+    if (!this.sheet.open) return;
+    this.sheet.close();
+    this.leave();
   }
 
   choose(chosen) {

@@ -20,6 +20,7 @@ import { ProfileView } from "./profile.js";
 import { Recordings } from "./recordings.js";
 import { Replay, askedRecording, streamOf } from "./replay.js";
 import { RouteState } from "./route.js";
+import { Scene } from "./scene.js";
 import { Suggestions } from "./suggestions.js";
 import { offerThemes } from "./theme.js";
 import { toast } from "./toast.js";
@@ -49,6 +50,7 @@ new Suggestions($("suggestions"), connection, (place) => {
   proposeGoal(place);
 });
 const library = new Library($("library"));
+const scene = new Scene($("scene"), $("goal-card"), driver);
 new Recordings($("recordings-pane"), connection);
 const maps = new MapsPane($("maps-pane"), replay === null);
 const help = new Help($("hint"), $("help"));
@@ -203,7 +205,15 @@ $("arm").onclick = () => connection.send({ type: "arm", armed: true });
 $("autopilot").onclick = () => connection.send({ type: "autopilot", on: page.status?.driver.autopilot !== true });
 $("map-follow").onclick = () => map.follow(!map.isFollowing);
 $("map").addEventListener("follow", ({ detail }) => $("map-follow").setAttribute("aria-pressed", String(detail)));
-$("library-open").onclick = () => library.open();
+$("library-open").onclick = () => {
+  scene.close();
+  library.open();
+};
+$("scene-open").hidden = replay !== null; // it shows the present
+$("scene-open").onclick = () => {
+  library.close();
+  scene.open();
+};
 $("map-fit").onclick = () => map.fit();
 $("map-in").onclick = () => map.zoom(1.35);
 $("map-out").onclick = () => map.zoom(1 / 1.35);
@@ -220,10 +230,13 @@ function openMenu(isOpen) {
   $("menu-open").setAttribute("aria-expanded", String(isOpen));
 }
 
-// What floats below the header knows how high it is.
-new ResizeObserver(([{ target }]) => {
-  document.documentElement.style.setProperty("--top", `${target.offsetHeight}px`);
-}).observe(document.querySelector("header"));
+// What floats below the header and the banner knows how high they are.
+const heights = new ResizeObserver(() => {
+  const [header, banner] = [document.querySelector("header").offsetHeight, $("banner").offsetHeight];
+  document.documentElement.style.setProperty("--header", `${header}px`);
+  document.documentElement.style.setProperty("--top", `${header + banner}px`);
+});
+for (const bar of [document.querySelector("header"), $("banner")]) heights.observe(bar);
 
 // Settings that last.
 

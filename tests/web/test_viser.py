@@ -1,4 +1,7 @@
-"""The view in three dimensions in a real browser: it draws the robot, and a click in it proposes and moves nothing."""
+"""The view in three dimensions in a real browser: it draws the robot, and a click in it proposes and moves nothing.
+
+On the page it is a sheet that keeps the driver's ways to stop, and the goal, alive.
+"""
 
 import io
 import json
@@ -12,7 +15,8 @@ from websockets.sync.client import connect
 
 from server.stream import decode
 from tests.served import Served, wait_until
-from tests.web.conftest import FLAGS, find_browser
+from tests.web.conftest import FLAGS, GOOD, Watched, find_browser
+from tests.web.test_page import DRIVER, dismiss
 
 WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # without a graphics card; slow to begin
 SLOW = 120_000  # ms
@@ -87,3 +91,82 @@ def test_turning_the_view_proposes_nothing(view: Page):
     view.mouse.up()
     view.wait_for_timeout(1500)
     assert proposed.count() == 0
+
+
+@pytest.fixture
+def desk(webgl: Browser, served: Served) -> Iterator[Watched]:
+    """The dashboard in the same browser; it must have complained of nothing in the end."""
+    desk = Watched(webgl.new_page(viewport={"width": 1000, "height": 760}), [])
+    desk.page.on("pageerror", lambda error: desk.complaints.append(str(error)))
+    desk.page.goto(served.address)
+    desk.page.wait_for_selector(GOOD, timeout=SLOW)
+    yield dismiss(desk)
+    complaints = list(desk.complaints)
+    desk.page.close()
+    assert not complaints
+
+
+def test_the_page_shows_it_in_a_sheet_over_which_one_stops_and_confirms(desk: Watched):
+    page = desk.page
+    page.set_default_timeout(SLOW)
+    desk.wait("crunch.pose && !crunch.driver.isLocked")
+    assert page.locator("iframe").count() == 0, "nothing is loaded before it is asked for"
+    page.click("#menu-open")
+    page.click("#scene-open")
+    inside = page.frame_locator("#scene iframe")
+    inside.get_by_text("Path tree").first.wait_for(timeout=SLOW)
+    page.keyboard.down("w")
+    assert desk.value("crunch.driver.source") is None, "nobody drives under the sheet"
+    page.keyboard.up("w")
+
+    def is_proposed() -> bool:
+        page.mouse.click(300, 600)
+        page.wait_for_timeout(500)
+        return page.is_visible("#scene #goal-card")
+
+    wait_until(is_proposed)
+    assert desk.value("document.activeElement.tagName") == "IFRAME", "the card takes no focus"
+    page.keyboard.press("Space")
+    desk.wait(f"{DRIVER}.stopped_by === crunch.connection.viewer")
+    page.wait_for_selector("#banner:visible")
+    top = page.locator("#scene").bounding_box()
+    banner = page.locator("#banner").bounding_box()
+    assert top and banner
+    assert top["y"] >= banner["y"] + banner["height"] - 1.0, "the banner stays in sight"
+    assert desk.value("document.elementFromPoint(...(({x, y}) => [x + 5, y + 5])"
+                      "(document.getElementById('stop').getBoundingClientRect())).id") == "stop"  # fmt: skip
+    page.click("#goal-cancel")
+    page.click("#stop")
+    page.click("#scene-close")
+    assert page.locator("iframe").count() == 0, "closed, it costs nothing"
+    assert desk.value("document.getElementById('goal-card').closest('#map-panel') !== null")
+    page.click("#resume")
+    desk.wait(f"{DRIVER}.stopped_by === null")
+
+
+def test_a_goal_goes_on_under_the_sheet(desk: Watched):
+    desk.wait("crunch.pose && !crunch.driver.isLocked")
+    desk.page.click("#menu-open")
+    desk.page.click("#scene-open")
+    desk.page.frame_locator("#scene iframe").get_by_text("Path tree").first.wait_for(timeout=SLOW)
+    desk.page.mouse.click(300, 600)  # the frame has the focus, the page has not
+    desk.value("(() => { globalThis.said = []; const send = crunch.connection.send.bind(crunch.connection);"
+               "crunch.connection.send = (word) => send(word, said.push(word.type)); crunch.driver.hasGoal = true; })()")  # fmt: skip
+    desk.page.wait_for_timeout(600)
+    assert "hold" in desk.value("said")
+    assert "cancel" not in desk.value("said")
+    desk.value("crunch.driver.stop()")
+    desk.page.click("#library-open")
+    assert desk.page.locator("iframe").count() == 0, "one sheet at a time"
+    assert desk.value("document.querySelector('main').inert")
+    desk.page.click("#library-close")
+    assert not desk.value("document.querySelector('main').inert")
+    desk.page.click("#resume")
+    desk.wait(f"{DRIVER}.stopped_by === null")
+
+
+def test_a_replay_offers_no_view_of_the_present(desk: Watched, served: Served):
+    desk.page.goto(f"{served.address}?recording={served.recording().stem}")
+    desk.page.wait_for_selector("#replay-bar")
+    assert desk.page.locator("#scene-open").is_hidden()
+    assert desk.value("document.getElementById('scene-open').hidden")
