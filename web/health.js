@@ -3,7 +3,8 @@
 const LOW_BATTERY = 25.2; // volts of 24 NiMH cells at 1.05 V each
 const EMPTY_BATTERY = 24.0;
 const CHARGING = 5; // volts at the charger's socket above which it is plugged in
-const STOPS_SHOWN = 5;
+const STOPS = "Newest stops";
+const LONG = 5; // rows above which a group scrolls
 
 const STATES = { armed: "armed", "link lost": "standing" }; // on its feet; without commands it only balances
 
@@ -54,6 +55,11 @@ export class Health {
       }
       const group = element("section");
       group.append(element("h3", title), table);
+      if (title === STOPS && rows.length > LONG) {
+        group.className = "long";
+        group.tabIndex = 0; // to be scrolled by keys
+        group.setAttribute("aria-label", title);
+      }
       return group;
     });
     this.box.replaceChildren(...built);
@@ -63,7 +69,7 @@ export class Health {
 function groupsOf(status, connection) {
   return [
     ["Robot", robotRows(status.robot)],
-    ["Newest stops", stopRows(status)],
+    [STOPS, stopRows(status)],
     ["Link", linkRows(status.link, connection)],
     ["Path filter", filterRows(status.filter)],
     ["Map", mapRows(status.map)],
@@ -86,7 +92,7 @@ function robotRows(robot) {
 
 function stopRows({ stops = [] }) {
   if (!stops.length) return [["None yet", ""]];
-  return stops.slice(0, STOPS_SHOWN).map(({ t, reason, by }) => [clock(t), by ? `${reason} (${by})` : reason]);
+  return stops.map(({ t, reason, by }) => [clock(t), by ? `${reason} (${by})` : reason]);
 }
 
 function linkRows(link, { roundTrip, age }) {

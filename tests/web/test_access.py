@@ -1,5 +1,6 @@
 """The page for everybody: axe-core finds no serious fault in any state, keys reach everything, it fits its screens."""
 
+import urllib.request
 from typing import Any
 
 import pytest
@@ -59,6 +60,22 @@ def on_top(watched: Watched, selector: str) -> bool:
         const box = element.getBoundingClientRect();
         return element.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
     }})()""")
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_all_newest_stops_can_be_read_by_keys_too(served: Served, visit: Open, look: dict[str, Any]):
+    page = dismiss(visit(served, **look))
+    for number in range(20):
+        headers = {"Content-Type": "application/json", "X-Crunch-Client": f"watch {number}"}
+        request = urllib.request.Request(f"{served.address}api/v1/commands", b'{"type": "stop"}', headers)
+        urllib.request.urlopen(request, timeout=10).close()
+    page.wait("document.querySelectorAll('#health .long dt').length === 20")
+    check(page, "twenty stops")
+    page.page.focus("#health .long")
+    page.page.keyboard.press("End")
+    page.wait("document.querySelector('#health .long').scrollTop > 0")
+    page.page.click("#resume")
+    page.wait(f"{DRIVER}.stopped_by === null")
 
 
 @pytest.mark.parametrize("look", LOOKS)
