@@ -2,9 +2,10 @@
 
 import { Clock } from "./clock.js";
 import { decodeFrame } from "./frame.js";
+import { ask } from "./rest.js";
 
 const STREAM = "/api/v1/stream";
-const STOP = "/api/v1/commands"; // for a replay, whose stream leads to no robot
+const ANSWER = 3000; // ms: a stop without an answer by then has not been heard
 const NOT_PLAYABLE = 4004; // closed for good: there is no such recording
 const STALE = 1; // s: an older picture is greyed
 const LOCKED = 1.5; // s: nobody drives by an older one
@@ -20,6 +21,7 @@ export class Connection extends EventTarget {
     this.clock = new Clock();
     this.taken = null; // session time at which the newest reading was taken
     this.viewer = null; // the name that the server gave this page
+    this.stopFailure = ""; // why the last stop was not heard
     this.refusal = ""; // why the server will not show this at all
     this.roundTrip = null; // ms
     this.heard = -Infinity; // performance.now() of the newest frame
@@ -118,10 +120,16 @@ export class Connection extends EventTarget {
   }
 
   /** Tell the robot to stand still: however full the line is, past it while it is closed, and also from a replay. */
-  stop() {
-    const word = JSON.stringify({ type: "stop" });
-    if (this.isLive && this.isOpen) this.socket.send(word);
-    else fetch(STOP, { method: "POST", headers: { "Content-Type": "application/json" }, body: word }).catch(() => {}); // the banner says it
+  async stop() {
+    const word = { type: "stop" };
+    this.stopFailure = "";
+    try {
+      if (this.isLive && this.isOpen) this.socket.send(JSON.stringify(word));
+      else await ask("commands", { method: "POST", body: word, signal: AbortSignal.timeout(ANSWER) });
+    } catch ({ message }) {
+      this.stopFailure = message;
+    }
+    this.announce("state");
   }
 
   announce(name, detail) {

@@ -162,6 +162,7 @@ function showBanner() {
 
 function bannerText() {
   const { status } = page;
+  if (connection.stopFailure) return ["bad", `STOP did not reach the robot: ${connection.stopFailure}. Press it again, or switch the robot off by hand.`];
   if (connection.refusal) return ["bad", `This cannot be replayed: ${connection.refusal}.`];
   if (replay) return connection.isOpen || !status ? ["", ""] : ["bad", "The server cannot be reached. Trying again."];
   if (!connection.isOpen) return status ? ["bad", "The server cannot be reached. Trying again; the robot has been told to stand still."] : ["", ""];

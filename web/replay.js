@@ -84,7 +84,7 @@ export class Replay {
     if (this.button.dataset.playing === String(isPlaying)) return;
     this.button.dataset.playing = String(isPlaying);
     this.button.setAttribute("aria-label", isPlaying ? "Pause" : "Play");
-    this.button.title = isPlaying ? "Pause: Space" : "Play: Space";
+    this.button.title = isPlaying ? "Pause: Space (Escape stops the robot)" : "Play: Space (Escape stops the robot)";
     this.button.replaceChildren(icon(isPlaying ? "pause" : "play"));
   }
 

@@ -7,9 +7,9 @@ export class Refused extends Error {
   }
 }
 
-/** What the server answers at /api/v1/`address`; throws Refused. */
-export async function ask(address, { method = "GET", body } = {}) {
-  const request = { method };
+/** What the server answers at /api/v1/`address`; throws Refused. `signal` may end the waiting. */
+export async function ask(address, { method = "GET", body, signal } = {}) {
+  const request = { method, signal };
   if (body !== undefined) Object.assign(request, { body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
   let answer;
   try {

@@ -98,10 +98,33 @@ def test_a_replay_drives_nothing_but_stop_stops_the_robot(shelved: Served, visit
     wait_until(lambda: shelved.status()["driver"]["stopped_by"])
     page.page.click("#replay-bar a")
     page.page.wait_for_selector("#drive-panel:visible")
-    page.wait("crunch.status?.driver.stopped_by")
+    page.wait("globalThis.crunch?.status?.driver.stopped_by")
     page.page.click("#resume")
     wait_until(lambda: shelved.status()["driver"]["stopped_by"] is None)
     page.page.close()
+
+
+def test_a_stop_that_a_replay_cannot_bring_home_is_told(shelved: Served, visit: Open):
+    page = replay(shelved, visit, "drive")
+    assert "Space (Escape stops" in (page.page.get_attribute("#replay-bar button", "title") or "")
+    banner = "document.getElementById('banner')"
+    page.page.route("**/api/v1/commands", lambda route: route.fulfill(status=422, json={"detail": "not now"}))
+    page.page.click("#stop")
+    page.wait(f"{banner}.textContent.includes('STOP did not reach the robot: not now')")
+    assert page.page.get_attribute("#banner", "data-level") == "bad"
+    page.page.unroute("**/api/v1/commands")
+    page.page.route("**/api/v1/commands", lambda route: route.abort())
+    page.page.keyboard.press("Escape")
+    page.wait(f"{banner}.textContent.includes('the server cannot be reached')")
+    page.page.unroute("**/api/v1/commands")
+    page.page.click("#stop")
+    page.wait(f"{banner}.hidden")
+    wait_until(lambda: shelved.status()["driver"]["stopped_by"])
+    page.page.close()
+    page.complaints[:] = [text for text in page.complaints if "Failed to load resource" not in text]
+    live = visit(shelved)
+    live.page.click("#resume")
+    wait_until(lambda: shelved.status()["driver"]["stopped_by"] is None)
 
 
 def test_a_cut_recording_says_so_and_a_missing_one_too(shelved: Served, visit: Open):

@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from server.stream import decode
 from tests.served import Served, wait_until
 from tests.web.conftest import FLAGS, GOOD, Watched, find_browser
+from tests.web.test_guidance import LISTEN
 from tests.web.test_page import DRIVER, dismiss
 
 WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # without a graphics card; slow to begin
@@ -131,7 +132,8 @@ def test_the_page_shows_it_in_a_sheet_over_which_one_stops_and_confirms(desk: Wa
     page.wait_for_selector("#banner:visible")
     top = page.locator("#scene").bounding_box()
     banner = page.locator("#banner").bounding_box()
-    assert top and banner
+    assert top
+    assert banner
     assert top["y"] >= banner["y"] + banner["height"] - 1.0, "the banner stays in sight"
     assert desk.value("document.elementFromPoint(...(({x, y}) => [x + 5, y + 5])"
                       "(document.getElementById('stop').getBoundingClientRect())).id") == "stop"  # fmt: skip
@@ -150,8 +152,8 @@ def test_a_goal_goes_on_under_the_sheet(desk: Watched):
     desk.page.click("#scene-open")
     desk.page.frame_locator("#scene iframe").get_by_text("Path tree").first.wait_for(timeout=SLOW)
     desk.page.mouse.click(300, 600)  # the frame has the focus, the page has not
-    desk.value("(() => { globalThis.said = []; const send = crunch.connection.send.bind(crunch.connection);"
-               "crunch.connection.send = (word) => send(word, said.push(word.type)); crunch.driver.hasGoal = true; })()")  # fmt: skip
+    desk.value(LISTEN)
+    desk.value("crunch.driver.hasGoal = true")
     desk.page.wait_for_timeout(600)
     assert "hold" in desk.value("said")
     assert "cancel" not in desk.value("said")
