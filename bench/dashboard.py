@@ -219,8 +219,9 @@ def load(browser: Browser, folder: Path) -> dict[str, Any]:
     print("|---|---|---|---|---|---|---|")
     with demo(folder, "--autopilot", "--world", "corridor50") as (process, address):
         page = visit(browser, address)
+        page.evaluate("crunch.connection.addEventListener('pose', () => poses++)")
         for viewers in LOADS:
-            page.evaluate("globalThis.poses = 0; crunch.connection.addEventListener('pose', () => poses++)")
+            page.evaluate("globalThis.poses = 0")
             before, began = cpu_seconds(process.pid), time.monotonic()
             sights = crowd(address, viewers, LOAD_SECONDS, folder)
             core = (cpu_seconds(process.pid) - before) / (time.monotonic() - began)
@@ -292,7 +293,7 @@ def smooth(browser: Browser, folder: Path) -> dict[str, Any]:
         address,
     ):
         page = visit(browser, address)
-        while fetch(address, "status")["map"]["path_length_m"] < TOUR - 5:
+        while fetch(address, "status")["driver"]["autopilot"]:  # until the tour is driven
             page.wait_for_timeout(500)
         vertices = page.evaluate("crunch.map.map.path.length")
         page.click("#map-fit")
