@@ -22,7 +22,7 @@ from fastapi_offline import FastAPIOffline
 from server.cockpit import Cockpit
 from server.conversation import converse, tell
 from server.dashboard import Dashboard
-from server.guard import Guard
+from server.guard import Guard, shield
 from server.rest.answers import GUARDED, answer_nonsense
 from server.rest.commands import command_routes
 from server.rest.health import health_routes
@@ -101,10 +101,7 @@ class Page(StaticFiles):
     def file_response(self, *args: Any, **kwargs: Any) -> Response:
         """A file with the page's headers."""
         response = super().file_response(*args, **kwargs)
-        response.headers["Cache-Control"] = "no-cache"
-        response.headers["Content-Security-Policy"] = PAGE_POLICY
-        response.headers["X-Content-Type-Options"] = "nosniff"
-        response.headers["Referrer-Policy"] = "no-referrer"
+        shield(response, PAGE_POLICY)
         return response
 
 

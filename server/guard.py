@@ -2,7 +2,8 @@
 
 On a loopback address only loopback names are answered, so that a web page elsewhere cannot reach the robot through a
 name that it points at this machine. On any other address a token is needed: in the address once, then as a cookie, or
-as a bearer token. A WebSocket must come from a page of ours, where the browser says from where it comes.
+as a bearer token. A WebSocket must come from a page of ours, where the browser says from where it comes. `shield` keeps
+pages of ours from others.
 """
 
 from __future__ import annotations
@@ -28,6 +29,14 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def shield(response: Response, policy: str) -> None:
+    """Headers of a page of ours: asked for anew each time, with nothing loaded that `policy` does not name."""
+    response.headers["Cache-Control"] = "no-cache"
+    response.headers["Content-Security-Policy"] = policy
+    response.headers["X-Content-Type-Options"] = "nosniff"
+    response.headers["Referrer-Policy"] = "no-referrer"
 
 
 class Guard:

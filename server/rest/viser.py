@@ -1,6 +1,6 @@
 """viser's page and socket under our own address, behind the same checks as everything else, which viser has not.
 
-Uses its sibling `dashboard`.
+Uses its siblings `dashboard` and `guard`.
 """
 
 from __future__ import annotations
@@ -17,27 +17,48 @@ import websockets
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 
 from server.dashboard import Dashboard
+from server.guard import shield
 from server.messages import Snapshot
 
 log = logging.getLogger(__name__)
+
+MAX_VIEWERS = 8  # each of them gets the whole scene
+POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' data: blob:; worker-src 'self' data: blob:; "
+    "frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+)  # viser's page is one file with everything in it, and evaluates the text of its panel
 
 
 def viser_routes(dashboard: Dashboard, look: Callable[[], Snapshot]) -> APIRouter:
     """The routes /viser/ (page) and /viser (socket, handed through)."""
     router = APIRouter()
+    seats = asyncio.Semaphore(MAX_VIEWERS)
 
     @router.get("/viser/", include_in_schema=False)
     async def page(request: Request) -> Response:
         await dashboard.start(look())
         compressed = await asyncio.to_thread(client_page)
         if "gzip" in request.headers.get("accept-encoding", ""):
-            return Response(compressed, media_type="text/html", headers={"Content-Encoding": "gzip"})
-        return Response(gzip.decompress(compressed), media_type="text/html")
+            response = Response(compressed, media_type="text/html", headers={"Content-Encoding": "gzip"})
+        else:
+            response = Response(gzip.decompress(compressed), media_type="text/html")
+        shield(response, POLICY)
+        return response
 
     @router.websocket("/viser")
     async def socket(ours: WebSocket) -> None:
-        await dashboard.start(look())
         protocols = [websockets.Subprotocol(name) for name in ours.scope.get("subprotocols", [])]
+        if seats.locked():
+            await ours.accept(next(iter(protocols), None))
+            await ours.close(1013, "too many viewers")
+            return
+        async with seats:
+            await show(ours, protocols)
+
+    async def show(ours: WebSocket, protocols: list[websockets.Subprotocol]) -> None:
+        """Connect a viewer with viser for as long as both like."""
+        await dashboard.start(look())
         theirs = websockets.connect(
             f"ws://127.0.0.1:{dashboard.port}",
             subprotocols=protocols, compression=None, max_size=None, max_queue=2, ping_interval=None,
@@ -68,7 +89,13 @@ async def hand_through(ours: WebSocket, theirs: websockets.ClientConnection) -> 
 
     async def up() -> None:
         while True:
-            await theirs.send(await ours.receive_bytes())
+            event = await ours.receive()
+            if event["type"] == "websocket.disconnect":
+                raise Closed
+            if event.get("bytes") is None:  # text, which is no word of viser's
+                await ours.close(1003, "not understood")
+                raise Closed
+            await theirs.send(event["bytes"])
 
     async def down() -> None:
         async for message in theirs:

@@ -3,7 +3,8 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
+from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
@@ -139,7 +140,7 @@ def test_a_large_request_is_refused_unread(driven, address, in_pieces):
         taken.append(len(piece))
         return {"type": "http.request", "body": piece, "more_body": len(taken) < 64}
 
-    async def send(message: dict) -> None:
+    async def send(message: MutableMapping[str, Any]) -> None:
         answered.append(message)
 
     headers = [(b"host", b"127.0.0.1:8000"), (b"content-type", b"application/json")]
