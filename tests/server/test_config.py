@@ -222,6 +222,6 @@ def test_a_session_cannot_ask_for_more_than_the_server_can_hold(key, value):
 
 
 def test_the_largest_local_map_is_of_bounded_size():
-    widest = {"local_map": {"reach": 5.0, "finest_cell": 0.01, "cells_per_reach": 500}}
-    robot = Crunch(CrunchParams(**widest, hindsight=10, vertex_spacing=2.0))
+    widest = {"reach": 5.0, "finest_cell": 0.01, "cells_per_reach": 500}
+    robot = Crunch(CrunchParams.model_validate({"local_map": widest, "hindsight": 10, "vertex_spacing": 2.0}))
     assert robot.local_map.cells.nbytes < 128e6

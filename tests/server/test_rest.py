@@ -81,6 +81,7 @@ def test_a_client_with_a_key_is_no_other_of_its_name(client, session):
 
     key = {"X-Crunch-Key": "3f2b-of-its-own"}
     status, driver = say(**key)
+    assert driver is not None
     assert (status, key["X-Crunch-Key"] in driver) == (200, False), "the key is not shown"
     assert say()[0] == say(**{"X-Crunch-Key": "guessed"})[0] == 409
     posing = driver.removesuffix(")").replace("(", "").replace(",", "")
