@@ -38,7 +38,7 @@ MAX_VIEWERS = 64
 MAX_BODY = 256 * 1024  # bytes of a request: parsing more would keep the loop from the robot
 PAGE_POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
-    "frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+    "frame-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
 )
 
 DESCRIPTION = """
