@@ -1,7 +1,9 @@
 // The vector field histogram, forward up: densities, valleys as coloured arcs on the grey circle, green arrow to the
-// objective, red arrow in the commanded direction (Figure 3).
+// objective, dashed red arrow in the commanded direction (Figure 3).
 
 import { Drawing, arrow, colour } from "./canvas.js";
+
+const DASHES = [7, 7]; // pixels, of the commanded arrow: not by its colour alone is it told from the objective's
 
 export class HistogramView {
   constructor(canvas) {
@@ -24,8 +26,8 @@ export class HistogramView {
     this.drawDensities(context, radius - 12);
     this.drawValleys(context, radius);
     const { goal, steering } = this.frame.header;
-    if (goal !== null) this.drawArrow(context, goal, radius - 22, "goal", 5);
-    if (steering !== null) this.drawArrow(context, steering, radius - 40, "steering", 3.5);
+    if (goal !== null) this.drawArrow(context, goal, radius - 22, "goal", 5, []);
+    if (steering !== null) this.drawArrow(context, steering, radius - 40, "steering", 3.5, DASHES);
     context.fillStyle = colour("robot");
     context.beginPath();
     context.arc(0, 0, 7, 0, 7);
@@ -72,9 +74,11 @@ export class HistogramView {
     context.lineCap = "round";
   }
 
-  drawArrow(context, bearing, length, name, width) {
+  drawArrow(context, bearing, length, name, width, dashes) {
     context.strokeStyle = context.fillStyle = colour(name);
     context.lineWidth = width;
+    context.setLineDash(dashes); // the head is filled either way
     arrow(context, length * Math.cos(bearing), length * Math.sin(bearing), 14);
+    context.setLineDash([]);
   }
 }
