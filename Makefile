@@ -16,10 +16,11 @@ demo: ## A virtual robot drives by itself, and its map grows in the browser
 	@.ci/setup run
 	$(CRUNCH) demo --autopilot --port $(PORT)
 
-test: ## The whole suite; the kernels' tests once more with bounds checks
+test: ## The whole suite; kernels once more with bounds checks, browsers one at a time: drivers have 300 ms
 	@.ci/setup test
 	NUMBA_BOUNDSCHECK=1 $(PYTHON) -m pytest -q -n $(WORKERS) tests/slam
-	$(PYTHON) -m pytest -n $(WORKERS)
+	$(PYTHON) -m pytest -n $(WORKERS) --ignore tests/web
+	$(PYTHON) -m pytest tests/web
 
 check: ## Formatting, lint, types, and that the documents tell the truth
 	@.ci/setup test
