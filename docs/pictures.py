@@ -66,6 +66,8 @@ class Studio(NamedTuple):
         """A picture of the page's screen, or of a panel."""
         path = self.folder / f"{'-'.join(filter(None, (self.device, self.scheme, state)))}.png"
         page.wait_for_timeout(800)  # until what moves has come to rest
+        if state not in ("offline", "scene"):  # a busy machine greys the page now and then
+            Watched(page, []).wait("!document.body.classList.contains('stale')")
         if panel:
             page.locator(panel).screenshot(path=path)
         else:
@@ -113,6 +115,7 @@ def driving(studio: Studio) -> None:
     other.click("#ask")
     page.wait_for_selector("#driver-request:not([hidden])")
     studio.take(page, "hand-over", "#drive-panel")
+    page.get_by_role("button", name="Keep").click()
     page.keyboard.up("w")
     page.click("#stop")
     page.wait_for_selector("#banner:not([hidden])")
