@@ -205,12 +205,11 @@ def test_the_clock_is_the_servers(browser, visit: Open):
     with Hosted().served() as hosted:
         page = dismiss(visit(hosted))
         page.wait("crunch.connection.age < 10")
-        offsets = []
-        for _ in range(20):
+
+        def is_right() -> bool:
+            """Between what the server's clock says before and after asking, a tenth of a second aside."""
             before = hosted.bridge.t
             now = page.value("crunch.connection.clock.since(0)")
-            offsets.append((before, now, hosted.bridge.t))
-        early = np.array([now - after for _, now, after in offsets])
-        late = np.array([now - before for before, now, _ in offsets])
-        assert early.min() < 0.1
-        assert late.max() > -0.1
+            return before - 0.1 < now < hosted.bridge.t + 0.1
+
+        wait_until(lambda: all(is_right() for _ in range(10)))  # the fastest of some answers is believed
