@@ -9,6 +9,7 @@ import pytest
 
 from firmware.virtual import native as module
 from firmware.virtual.native import FLAGS, WARNINGS, CompilerError, compile_into, compiler, headers, native, sources
+from tests.tools import miss
 
 PURE = ("link", "drive", "sensor")
 
@@ -52,7 +53,7 @@ def test_firmware_keeps_no_state_of_its_own(tmp_path):
     """No writable data: every state is a structure that the caller owns."""
     nm = shutil.which("nm")
     if nm is None:
-        pytest.skip("no nm here")
+        miss("no nm here")
     for path in sources():
         if path.parent.name in PURE:
             target = tmp_path / "object"

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from server import link
 from tests.firmware.link_library import FLAGS, LINK, SOURCES, link_library
+from tests.tools import miss
 
 FFI, C = link_library()
 FRAMES = st.builds(
@@ -125,7 +126,7 @@ def test_the_count_of_rejects_stays_at_its_maximum():
 @pytest.mark.parametrize("optimisation", ["-Os", "-O2"])
 def test_the_link_compiles_for_the_board(tmp_path, optimisation):
     if shutil.which("avr-gcc") is None:
-        pytest.skip("avr-gcc is not installed (apt-get install gcc-avr avr-libc)")
+        miss("avr-gcc is not installed (apt-get install gcc-avr avr-libc)")
     for source in SOURCES:
         flags = [*FLAGS, optimisation, "-mmcu=atmega32"]
         subprocess.run(["avr-gcc", *flags, "-c", source, "-o", tmp_path / f"{source.stem}.o"], check=True)
@@ -159,7 +160,7 @@ def test_noise_breaks_no_rule_of_c(tmp_path):
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     build = [*FLAGS, *sanitizers, f"-I{LINK}", "-o", program, source, *SOURCES]
     if subprocess.run(["cc", *build], capture_output=True).returncode != 0:
-        pytest.skip("this compiler has no sanitizers")
+        miss("this compiler has no sanitizers")
     rng = random.Random(6)
     frames = [link.encode(link.Frame(1, i % 64, i % 256, i, rng.randbytes(i % 25))) for i in range(1000)]
     noise = b"".join(frame + b"\0" + rng.randbytes(rng.randrange(100)) + b"\0" for frame in frames)

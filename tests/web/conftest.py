@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from tests.served import Served, demo
+from tests.tools import miss
 
 FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -52,7 +53,7 @@ def browser() -> Iterator[Browser]:
     """Chromium without a window."""
     path = find_browser()
     if path is None:
-        pytest.skip(f"no browser found (looked for {', '.join(NAMES)})")
+        miss(f"no browser found (looked for {', '.join(NAMES)})")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, headless=True, args=FLAGS)
         yield browser
