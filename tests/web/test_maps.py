@@ -131,6 +131,10 @@ def test_a_frame_is_straightened_turned_moved_and_all_of_it_taken_back(mapped: S
 
     # What is named where the origin is then put comes to lie at zero.
     stage = page.page.locator(".map-sheet canvas")
+    assert page.value("""(() => {
+        document.body.classList.add("stale");
+        return ["#map", ".map-sheet canvas"].map((one) => getComputedStyle(document.querySelector(one)).filter);
+    })()""") == ["grayscale(1) opacity(0.5)", "none"], "only what is live grows old"
     box = stage.bounding_box()
     assert box is not None
     place: Position = {"x": box["width"] * 0.4, "y": box["height"] * 0.6}
