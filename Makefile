@@ -5,6 +5,7 @@ CRUNCH := .venv/bin/crunch
 WORKERS ?= auto
 PORT ?= 8000
 UPGRADE ?=
+BENCH ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test check bench setup format lock config clean
@@ -29,9 +30,9 @@ check: ## Formatting, lint, types, and that the documents tell the truth
 	.venv/bin/pyright
 	$(PYTHON) docs/check.py
 
-bench: ## The figures of the README, made again (long)
+bench: ## A quick set of benchmarks with few seeds; BENCH="cycle real" runs those in full, `crunch bench --list` tells all
 	@.ci/setup test
-	for name in cycle floor real sonar8 dashboard; do $(PYTHON) -m bench.$$name || exit 1; done
+	$(CRUNCH) bench --jobs 2 $(BENCH)
 
 setup: ## Everything that the other targets need, tests included
 	@.ci/setup test

@@ -60,15 +60,16 @@ def made(name: str, robot, longest: float, *sources: Path) -> Path:
     return path
 
 
-def cycle(seed: int, drift: str, length: float = 50.0) -> Path:
-    """Two laps and a bit of a corridor cycle; the width goes round with the seed."""
-    width = WIDTHS[seed % len(WIDTHS)]
-    plan = corridor_plan(seed, length)
+def cycle(seed: int, drift: str, width: float | None = None, is_reversed: bool = False, length: float = 50.0) -> Path:
+    """Two laps and a bit of a corridor cycle; without a `width` (m) it goes round with the seed."""
+    wide = width or WIDTHS[seed % len(WIDTHS)]
+    plan = corridor_plan(seed, length, reverse=is_reversed)
+    name = f"cycle-{length:g}-{drift}-{seed}" + (f"-{width:g}" if width else "") + ("-reversed" if is_reversed else "")
 
     def robot() -> VirtualCrunch:
-        return VirtualCrunch(corridor_cycle(seed, length, width), seed=seed, drift=drift, plan=plan)  # pyright: ignore
+        return VirtualCrunch(corridor_cycle(seed, length, wide), seed=seed, drift=drift, plan=plan)  # pyright: ignore
 
-    return made(f"cycle-{length:g}-{drift}-{seed}", robot, 3.0 * plan.length / 0.3)
+    return made(name, robot, 3.0 * plan.length / 0.3)
 
 
 def floor(name: str, seed: int, drift: str, length: float = 250.0) -> Path:

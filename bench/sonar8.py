@@ -1,26 +1,22 @@
 """Eight real sonars with their ghosts and cross-talk: do the extracted walls stand where the whole drive saw walls?
 
-    python -m bench.sonar8 [--picture FILE]
-
 Wall points of every vertex, at the recorded poses, are compared with an occupancy grid made from all echoes of the
-drive. The control has the sonars' bearings shuffled, against the true grid and against a grid of its own. Needs the
-recordings' folder (`CRUNCH_DATA`).
+drive. The control has the sonars' bearings shuffled, against the true grid and against a grid of its own.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from bench.benchmark import Bench, Column, Crew, Record, Row, figures, plain, runs
 from bench.recordings import data_folder
-from bench.scores import draw, keep
 from server import config
 from server.formats.logs import Log, read_log
 from server.formats.sonar8 import read_sonar8
-from server.replay import Result, run_log
+from server.replay import run_log
 from server.robots.crunch import CrunchParams
 from slam.evaluate import MapAgreement, map_agreement
 from slam.grid import Grid
@@ -29,7 +25,6 @@ from slam.pose import transform
 from slam.rangefinder import RingParams
 from slam.walls import curves
 
-SHUFFLES = 20
 MARGIN = 6.0  # m around the path that the grid covers
 
 
@@ -45,49 +40,56 @@ def whole_drive(ring: RingParams, folder: Path, params: CrunchParams) -> Grid:
     return whole.grid()
 
 
-def agreement(log: Log, ring: RingParams, grid: Grid, params: CrunchParams) -> tuple[MapAgreement, Result]:
+def agreement(log: Log, ring: RingParams, grid: Grid, params: CrunchParams) -> MapAgreement:
     """Share of wall points, seen with `ring` and placed by the recorded poses, near the grid's walls."""
     result = run_log(log.__class__(**{**vars(log), "sensors": {"sonar": ring}}), params)
     points = [
         transform(keyframe.pose, curve) for keyframe in result.drive.keyframes for curve in curves(keyframe.walls)
     ]
-    return map_agreement(np.vstack(points), grid, 0.15), result
+    return map_agreement(np.vstack(points), grid, 0.15)
 
 
-def main() -> None:
-    """Run and print the shares."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--picture", type=Path)
-    wanted = parser.parse_args()
+def measure(seed: int) -> dict[str, Record]:
+    """Shares of one shuffle of the bearings, by the row that they belong to; seed -1 leaves them as they are."""
     data = data_folder()
-    if data is None:
-        sys.exit("bench.sonar8: no recordings found; set CRUNCH_DATA to their folder")
+    assert data is not None
     folder, params = data / "sonar8", config.load({}).crunch
     log = read_log(folder)
     assert log.sensors is not None
     ring = log.sensors["sonar"]
     grid = whole_drive(ring, folder, params)
-    true, result = agreement(log, ring, grid, params)
-    rng = np.random.default_rng(0)
-    shuffled, own = [], []
-    for _ in range(SHUFFLES):
-        mixed = ring.model_copy(update={"bearings_deg": tuple(rng.permutation(ring.bearings_deg).tolist())})
-        shuffled.append(agreement(log, mixed, grid, params)[0].share)
-        own.append(agreement(log, mixed, whole_drive(mixed, folder, params), params)[0].share)
-    print("| bearings | wall points | within 15 cm |\n|---|---|---|")
-    print(f"| true | {true.n} | {100 * true.share:.0f} % |")
-    print(f"| shuffled ({SHUFFLES} times, median, range) | | {spread(shuffled)} |")
-    print(f"| shuffled, against its own grid | | {spread(own)} |")
-    print(keep("sonar8", {"true": true.share, "shuffled": shuffled, "shuffled_own_grid": own}))
-    if wanted.picture:
-        draw(result, wanted.picture, "Eight real sonars", f"{len(result.path)} vertices, {true.n} wall points")
+    if seed < 0:
+        true = agreement(log, ring, grid, params)
+        return {"true": {"points": true.n, "share": 100.0 * true.share}}
+    bearings = np.random.default_rng(seed).permutation(ring.bearings_deg)
+    mixed = ring.model_copy(update={"bearings_deg": tuple(bearings.tolist())})
+    grids = {"shuffled": grid, "shuffled, against a grid of its own": whole_drive(mixed, folder, params)}
+    return {
+        name: {"seed": seed, "share": 100.0 * agreement(log, mixed, walls, params).share}
+        for name, walls in grids.items()
+    }
 
 
-def spread(shares: list[float]) -> str:
-    """Median and range in percent."""
-    low, middle, high = 100.0 * np.quantile(shares, [0.0, 0.5, 1.0])
-    return f"{middle:.0f} % ({low:.0f} to {high:.0f})"
+def rows(crew: Crew) -> Iterator[Row]:
+    """The true bearings, then shuffled ones."""
+    found = crew.map(measure, [(seed,) for seed in range(-1, crew.seeds)], "eight sonars")
+    for name in ("true", "shuffled", "shuffled, against a grid of its own"):
+        if crew.wants(name):
+            yield Row(name, [shares[name] for shares in found if name in shares])
 
 
-if __name__ == "__main__":
-    main()
+BENCH = Bench(
+    name="sonar8",
+    about="eight real sonars: share of wall points near the whole drive's walls; a seed shuffles the bearings",
+    rows=rows,
+    columns=(
+        Column("runs", runs),
+        Column("wall points", plain("points")),
+        Column("within 15 cm of a wall, least / median / most (%)", figures("share", 0, 0.0, 0.5, 1.0)),
+    ),
+    seeds=20,
+    minutes=2,
+    quick=3,
+    needs_data=True,
+    heading="bearings",
+)

@@ -18,6 +18,7 @@ import typer
 
 from server.errors import UserError
 from server.terminal import (
+    benchmarks,
     complain,
     folders_for,
     known_drift,
@@ -262,6 +263,37 @@ def score(
     from server.score import score as measure
 
     typer.echo(json.dumps(measure(directory, truth, relations, time_offset, align), indent=2))
+
+
+@app.command()
+def bench(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Benchmarks; a quick set if none.")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Tell what each measures and how long it takes.")] = False,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Runs of each row.", show_default="its own")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes at a time; what is timed runs alone.")] = 1,
+    only: Annotated[
+        str, typer.Option(metavar="TEXT", help="Only rows whose names contain it.", show_default="all")
+    ] = "",
+    output: Annotated[
+        Path | None, typer.Option(help="JSON file for all results.", show_default="build/bench/NAME.json")
+    ] = None,
+) -> None:
+    """Measure accuracy and speed, in a checkout of the sources: tables with the machine, the commit and the tails.
+
+    \b
+        crunch bench --list
+        crunch bench cycle --seeds 20 --jobs 2 --only medium
+        crunch bench real cycle --output results.json
+
+    Other people's recordings are found through CRUNCH_DATA; what needs them is skipped where they are not.
+    """
+    command = benchmarks()
+    if listed:
+        command.show_list()
+    else:
+        command.run_all(names or [], seeds, jobs, only, output)
 
 
 @app.command()

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import typer
@@ -87,6 +89,19 @@ def known_drift(name: str) -> Drift:
     if name not in DRIFTS:
         raise UserError(f"drift `{name}` is unknown; choose {', '.join(DRIFTS)}")
     return cast(Drift, name)
+
+
+def benchmarks() -> ModuleType:
+    """The checkout's `bench.command`, which is not installed with the package; UserError where there is no checkout."""
+    root = Path(__file__).resolve().parents[1]
+    if not (root / "bench" / "command.py").is_file():
+        raise UserError(
+            f"the benchmarks are not in {root}, for they are not installed with crunch; "
+            "run `make setup` in a checkout of its sources and then .venv/bin/crunch there"
+        )
+    if str(root) not in sys.path:
+        sys.path.insert(0, str(root))
+    return importlib.import_module("bench.command")
 
 
 def complain(message: str, code: int) -> int:

@@ -1,0 +1,14 @@
+"""Every benchmark, in the order in which `crunch bench --list` tells them. A new one gets a line here."""
+
+from __future__ import annotations
+
+from bench import cycle, dashboard, floor, real, sonar8
+from bench.benchmark import Bench
+
+CATALOGUE: tuple[Bench, ...] = (
+    cycle.BENCH,
+    real.BENCH,
+    floor.BENCH,
+    sonar8.BENCH,
+    *dashboard.BENCHES,
+)
