@@ -39,6 +39,14 @@ class ControlParams(Params):
 class Refused(Exception):
     """A word that may not move the robot now; the text is meant for the person who sent it."""
 
+    kind = "refused"
+
+
+class Ended(Refused):
+    """A word about a goal that is no more, which is nobody's mistake: it was reached, given up or taken back."""
+
+    kind = "ended"
+
 
 class Control:
     """The state of remote driving. `hear` and `tick` answer with the messages that the robot is to get."""
@@ -79,10 +87,7 @@ class Control:
             case GoalWord():
                 return self._steer(viewer, word, t)
             case HoldWord():
-                self._check_driver(viewer)
-                self._check_fresh(word.seen, t)
-                self.heard = t
-                return []
+                return self._hold(viewer, word, t)
             case GiveWord():
                 return self._give(viewer, word.to, t)
             case ArmWord():
@@ -183,6 +188,14 @@ class Control:
         self.goal = Goal(t, (word.x, word.y), min(word.speed, self.params.max_speed))
         self.is_planned = word.plan
         return [self.goal]
+
+    def _hold(self, viewer: str, word: HoldWord, t: float) -> list[Message]:
+        if self.goal is None:
+            raise Ended("there is no goal any more")
+        self._check_driver(viewer)
+        self._check_fresh(word.seen, t)
+        self.heard = t
+        return []
 
     def _switch_autopilot(self, viewer: str, on: bool, t: float) -> list[Message]:
         if self.autopilot is None:

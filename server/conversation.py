@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from server.control import Refused
 from server.stream import Viewer, encode
-from server.words import AckWord, PingWord
+from server.words import AckWord, GoalWord, HoldWord, PingWord
 
 log = logging.getLogger(__name__)
 
@@ -112,7 +112,8 @@ async def listen(
                 try:
                     hear(word)
                 except Refused as refused:
-                    tell(viewer, kind="refused", word=word.type, reason=str(refused))
+                    about = {"id": word.id} if isinstance(word, GoalWord | HoldWord) else {}
+                    tell(viewer, kind=refused.kind, word=word.type, **about, reason=str(refused))
 
 
 def understand(words: TypeAdapter[Any], text: str | None) -> Any:

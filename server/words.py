@@ -30,9 +30,13 @@ class DriveWord(Word):
 
 
 class GoalWord(Word):
-    """Drive to (x, y) in the world as long as `hold` follows: by a way planned on the map, or straight on by sight."""
+    """Drive to (x, y) in the world as long as `hold` follows: by a way planned on the map, or straight on by sight.
+
+    `id` is the viewer's own number of the goal: what becomes of it is told with it.
+    """
 
     type: Literal["goal"]
+    id: int = Field(default=0, ge=0, le=0xFFFFFFFF)
     x: float = Field(ge=-1e4, le=1e4)
     y: float = Field(ge=-1e4, le=1e4)
     speed: float = Field(default=0.3, gt=0.0, le=1.0)
@@ -44,6 +48,7 @@ class HoldWord(Word):
     """The driver still watches while the robot drives to its goal."""
 
     type: Literal["hold"]
+    id: int = Field(default=0, ge=0, le=0xFFFFFFFF)
     seen: float
 
 

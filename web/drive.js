@@ -23,7 +23,8 @@ export class Driver {
     this.limit = 0.3; // m/s
     this.maxTurn = 1.5; // rad/s
     this.seen = 0; // session time of the newest picture
-    this.hasGoal = false;
+    this.goal = null; // number of the goal that this page holds
+    this.goals = 0; // sent so far
     this.isShared = false; // whether the robot bends the wish off obstacles
     setInterval(() => this.repeat(), REPEAT);
     this.listenToKeys();
@@ -37,6 +38,10 @@ export class Driver {
     return !this.connection.isLive || this.connection.isLocked;
   }
 
+  get hasGoal() {
+    return this.goal !== null;
+  }
+
   /** Whether something lies over what is driven by. A goal goes on meanwhile: it was confirmed, and the page is looked at. */
   get isCovered() {
     return document.querySelector(COVERS) !== null;
@@ -45,19 +50,24 @@ export class Driver {
   /** Stand still, whoever drives. */
   stop() {
     this.letGo();
-    this.hasGoal = false;
+    this.goal = null;
     this.connection.stop();
   }
 
   /** Let the robot drive to a place in the world, as long as this page watches. */
   goTo([x, y]) {
     this.letGo();
-    this.connection.send({ type: "goal", x, y, speed: this.limit, seen: this.seen });
-    this.hasGoal = true;
+    this.goal = ++this.goals;
+    this.connection.send({ type: "goal", id: this.goal, x, y, speed: this.limit, seen: this.seen });
+  }
+
+  /** The server answered about a goal that it has not. What it says of an earlier one is none of the present one's. */
+  endGoal(id) {
+    if (id === this.goal) this.goal = null;
   }
 
   cancelGoal() {
-    this.hasGoal = false;
+    this.goal = null;
     this.connection.send({ type: "cancel" });
   }
 
@@ -73,7 +83,7 @@ export class Driver {
     if (this.source) {
       this.sendWish();
     } else if (this.hasGoal && !document.hidden) {
-      this.connection.send({ type: "hold", seen: this.seen });
+      this.connection.send({ type: "hold", id: this.goal, seen: this.seen });
     }
   }
 
@@ -90,7 +100,7 @@ export class Driver {
     const isNews = this.source === null || (source === "keys" && String(wish) !== String(before)); // a stick: at the next turn
     this.source = source;
     this.wish = wish;
-    this.hasGoal = false;
+    this.goal = null;
     this.showKnob();
     if (isNews) this.sendWish();
   }

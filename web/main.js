@@ -63,14 +63,15 @@ connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "refused") refuse(detail.header);
 });
 connection.addEventListener("notice", ({ detail }) => {
+  if (detail.header.kind === "ended") driver.endGoal(detail.header.id); // reached, given up, or taken back
+});
+connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "proposal") hearProposal([detail.header.x, detail.header.y]);
 });
 connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
 connection.addEventListener("pose", ({ detail }) => {
   page.pose = detail.header;
   driver.seen = detail.header.t - detail.header.age;
-  if (page.goal && !detail.header.goal) driver.hasGoal = false; // reached, or taken back
-  page.goal = detail.header.goal;
   health.move(detail.header.tilt, connection.age);
 });
 connection.addEventListener("local", ({ detail }) => {
@@ -252,7 +253,7 @@ $("limit").oninput = (event) => {
   localStorage.setItem("limit", event.target.value);
 };
 
-function refuse({ word, reason }) {
-  if (word === "goal" || word === "hold") driver.hasGoal = false;
+function refuse({ word, id, reason }) {
+  if (word === "goal" || word === "hold") driver.endGoal(id);
   toast(reason[0].toUpperCase() + reason.slice(1));
 }

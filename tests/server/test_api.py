@@ -114,6 +114,24 @@ def test_stream_greets_shows_and_obeys(client, driven):
     assert not driven.bridge.hub.viewers
 
 
+def test_what_becomes_of_a_goal_is_told_with_its_number(client, driven):
+    driven.bridge.left("anna")
+    with client.websocket_connect(STREAM) as socket:
+        seen = driven.bridge.t
+        for word in (
+            {"type": "goal", "id": 6, "x": 1.0, "y": 0.0, "seen": seen - 5.0},
+            {"type": "goal", "id": 7, "x": 1.0, "y": 0.0, "seen": seen},
+            {"type": "hold", "id": 7, "seen": seen},
+            {"type": "cancel"},
+            {"type": "hold", "id": 7, "seen": seen},
+        ):
+            socket.send_text(json.dumps(word))
+        refused = frames_until(socket, "notice", "refused")
+        assert (refused["word"], refused["id"]) == ("goal", 6)
+        ended = frames_until(socket, "notice", "ended")
+        assert (ended["word"], ended["id"]) == ("hold", 7)
+
+
 @pytest.mark.parametrize("words", ["{", "[]", '{"type":"fly"}', "x" * 10_000])
 def test_nonsense_is_answered_and_then_cut_off(client, words):
     with client.websocket_connect(STREAM) as socket:

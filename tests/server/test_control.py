@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from server.control import Control, ControlParams, Refused
+from server.control import Control, ControlParams, Ended, Refused
 from server.messages import Arm, Drive, Goal, Stop
 from server.words import WORDS, ArmWord, AutopilotWord, DriveWord, GiveWord, GoalWord, HoldWord, PlainWord
 
@@ -65,6 +65,20 @@ def test_a_goal_needs_the_lease_too():
         assert helm.tick(0.1 * step) == []
     assert helm.tick(1.31) == [Stop(1.31)]
     assert helm.goal is None
+
+
+def test_who_holds_a_goal_that_is_no_more_is_told_so_and_keeps_no_lease():
+    """However it ended: reached or given up, taken back, stopped by another, or never there."""
+    hold = HoldWord(type="hold", seen=0.1)
+    for end in (Control.arrive, lambda helm: helm.hear("a", plain("cancel"), 0.1), lambda helm: helm.stop("b", 0.1)):
+        helm = control()
+        helm.hear("a", goal(0.0), 0.0)
+        end(helm)
+        with pytest.raises(Ended):
+            helm.hear("a", hold, 0.2)
+        assert helm.heard == 0.0
+    with pytest.raises(Ended):
+        control().hear("a", hold, 0.2)
 
 
 def test_anyone_may_stop_and_then_nothing_moves_until_the_driver_resumes():
@@ -208,7 +222,7 @@ def test_a_silent_robot_is_not_driven_but_stopped():
     helm.read = 3.4
     for word in (drive(5.0), goal(5.0), HoldWord(type="hold", seen=5.0)):
         if isinstance(word, HoldWord):
-            helm.driver = "a"
+            helm.driver, helm.goal = "a", Goal(3.4, (2.0, 1.0), 0.3)
         with pytest.raises(Refused, match="silent"):
             helm.hear("a", word, 5.0)
     assert helm.hear("a", plain("stop"), 5.0) == [Stop(5.0)]

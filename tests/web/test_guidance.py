@@ -25,6 +25,29 @@ LISTEN = """(() => {
   const send = crunch.connection.send.bind(crunch.connection);
   crunch.connection.send = (word) => send(word, said.push(word.type));
 })()"""
+NEVER_SEEN = """(() => {
+  const { connection } = crunch;
+  const announce = connection.announce.bind(connection);
+  connection.announce = (name, detail) => {
+    if (name === "pose") detail.header.goal = null;
+    announce(name, detail);
+  };
+})()"""  # no picture shows a goal, as when it is given up before the next one is taken
+OLD_NEWS = """(() => {
+  const { driver, connection } = crunch;
+  const tell = (name, header) => connection.announce(name, { header, arrays: {} });
+  const goal = (place) => tell("pose", { ...crunch.pose, goal: place });
+  driver.goTo([1, 0]);
+  const first = driver.goal;
+  goal([1, 0]);
+  driver.goTo([2, 0]);
+  goal(null);
+  tell("notice", { kind: "ended", word: "hold", id: first, reason: "" });
+  tell("notice", { kind: "refused", word: "hold", id: first, reason: "the picture is too old to drive by" });
+  const lasted = driver.hasGoal;
+  tell("notice", { kind: "ended", word: "hold", id: driver.goal, reason: "" });
+  return [lasted, driver.hasGoal];
+})()"""  # whether a goal outlives what comes late of the one before it, and then its own end
 HIDE = """(() => {
   Object.defineProperty(document, "hidden", { value: true, configurable: true });
   document.dispatchEvent(new Event("visibilitychange"));
@@ -79,6 +102,22 @@ def test_a_place_without_a_way_says_why(served: Served, visit: Open):
     page.page.wait_for_selector("#route-state:has-text('more than 200 m away')")
     wait_until(lambda: served.status()["driver"]["goal"] is None)
     page.wait("!crunch.driver.hasGoal")
+
+
+def test_a_goal_that_no_picture_has_shown_ends_all_the_same(served: Served, visit: Open):
+    page = visit(served)
+    page.wait(f"{ROUTE} && crunch.pose && !crunch.driver.isLocked")
+    page.value(NEVER_SEEN)
+    assert page.value("(crunch.driver.goTo([500, 0]), crunch.driver.hasGoal)")
+    page.wait("!crunch.driver.hasGoal")
+    wait_until(lambda: served.status()["driver"]["goal"] is None)
+
+
+def test_a_goal_outlives_what_comes_late_of_the_one_before(served: Served, visit: Open):
+    page = visit(served)
+    page.wait("crunch.pose && !crunch.driver.isLocked")
+    assert page.value(OLD_NEWS) == [True, False]
+    wait_until(lambda: served.status()["driver"]["goal"] is None)
 
 
 def test_a_suggestion_unfolds_and_proposes_a_goal(served: Served, visit: Open):
