@@ -58,7 +58,9 @@ Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same l
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
 Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting; repeatable.")]
-Preset = Annotated[str | None, typer.Option(help="`default`, or `thesis`: literally as Crunch's thesis has it.")]
+Preset = Annotated[
+    str | None, typer.Option(help="`default`; `thesis`: literally as Crunch's thesis has it; or another robot's.")
+]
 Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="5000")]
 Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.", show_default="8000")]
 Host = Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")]
@@ -167,7 +169,7 @@ def replay(
     assignments: Assignments = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """Make a map from a log: recordings of crunch, CARMEN logs, or eight sonars (sonar8).
+    """Make a map from a log: recordings of crunch, CARMEN logs, bags of a Crazyflie, or eight sonars (sonar8).
 
     A CARMEN log's laser is reduced to what Crunch would sense: one infra-red beam and one sonar cone every 45
     degrees. --beams thins it to so many single beams instead.

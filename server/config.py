@@ -8,6 +8,7 @@ parameter classes only. Uses its siblings `estimator`, `control` and `navigator`
 from __future__ import annotations
 
 import difflib
+import functools
 import os
 import re
 import tomllib
@@ -28,6 +29,7 @@ from server.control import ControlParams
 from server.errors import UserError
 from server.estimator import EstimatorParams
 from server.navigator import NavigatorParams
+from server.presets import NAMED
 from server.robots.crunch import Crunch, CrunchParams
 from slam.params import Params
 
@@ -35,22 +37,6 @@ PREFIX = "CRUNCH_"
 FILE_NAME = "config.toml"
 REVISABLE = ("crunch", "estimator")  # tables of which a new session may have its own
 ROBOTS = {"crunch": Crunch}  # one row per robot; its parameters are the field of the same name below
-
-THESIS: dict[str, Any] = {
-    "crunch": {
-        "hindsight": 0,
-        "local_map": {"reach": 1.0, "resample": True},
-        "walls": {"thickness": 1e-3},  # the first point above the threshold
-        "vfh": {"radial_sum": True, "robot_radius": 0.0, "clearance": 0.0},
-        "filter": {
-            "motion": {"rotation_noise": 0.0, "turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
-            "direction": {"gain": 0.0},
-            "comparison": {
-                "affinity": {"states": 2, "both_free": 1.0, "both_wall": 1.0, "differ": -1.0, "gain": 0.3},
-            },
-        },
-    }
-}
 
 
 class ConfigError(UserError):
@@ -69,7 +55,7 @@ class Config(BaseSettings):
 
     model_config = SettingsConfigDict(extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__")
 
-    preset: Literal["default", "thesis"] = "default"
+    preset: Literal["default", "thesis", "crazyflie"] = "default"
     crunch: CrunchParams = CrunchParams()
     estimator: EstimatorParams = EstimatorParams()
     control: ControlParams = ControlParams()
@@ -97,9 +83,18 @@ def at_same_keys(values: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str
     }
 
 
+def merge(weak: Mapping[str, Any], strong: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values, the strong ones winning key by key."""
+    merged = dict(weak)
+    for key, value in strong.items():
+        below = merged.get(key)
+        merged[key] = merge(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
+    return merged
+
+
 PRESETS: dict[str, dict[str, Any]] = {
-    "default": at_same_keys(Config().model_dump(), THESIS),  # takes back what another preset set
-    "thesis": THESIS,
+    "default": at_same_keys(Config().model_dump(), functools.reduce(merge, NAMED.values())),  # takes back all others
+    **NAMED,
 }
 
 
@@ -221,15 +216,6 @@ def parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
             parsed = value
         values = merge(values, nested(key, parsed))
     return values
-
-
-def merge(weak: Mapping[str, Any], strong: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values, the strong ones winning key by key."""
-    merged = dict(weak)
-    for key, value in strong.items():
-        below = merged.get(key)
-        merged[key] = merge(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
-    return merged
 
 
 def preset_of(layer: Layer) -> dict[str, Any]:

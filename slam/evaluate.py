@@ -7,6 +7,7 @@ Errors inside are in m and rad; `to_dict` gives m and degrees, with None for wha
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -47,6 +48,7 @@ class Spread:
 
 
 DEGREE = math.pi / 180.0
+SAME_PLACE = 0.1  # m along a wall within which two points of it are compared
 
 
 @dataclass(frozen=True)
@@ -239,3 +241,41 @@ def map_agreement(
         return MapAgreement(0, math.nan, tolerance, math.nan)
     share = float(np.mean(distances <= tolerance + 1e-9))
     return MapAgreement(distances.size, share, tolerance, float(np.quantile(distances, 0.5, method="lower")))
+
+
+def wall_spread(
+    path: np.ndarray, curves: Sequence[Sequence[np.ndarray]], reach: float = 1.0, min_path: float = 20.0
+) -> Spread:
+    """How far apart (m) walls lie that were seen from one place on visits at least `min_path` m of the path apart.
+
+    `path` (v, 3) are the vertices' poses, `curves[v]` what each saw, (k, 2) in its frame and counter-clockwise. A point
+    counts the way along its normal to the nearest wall of an earlier visit that faces the same way to 25 degrees. Where
+    there is none within `reach` it does not count: walls drawn twice and farther apart are missed.
+    """
+    seen = [wall_points(pose, found) for pose, found in zip(path, curves, strict=True)]
+    way = path_length(path)
+    distances = []
+    for later in range(len(path)):
+        points, normals = seen[later]
+        n_left = int(np.searchsorted(way, way[later] - min_path, side="right"))
+        near = np.flatnonzero(np.hypot(*(path[:n_left, :2] - path[later, :2]).T) < 2.0 * reach)
+        if len(points) == 0 or near.size == 0:
+            continue
+        others, other_normals = (np.concatenate([seen[earlier][part] for earlier in near]) for part in range(2))
+        apart = others[None, :, :] - points[:, None, :]
+        across = np.abs(np.sum(apart * normals[:, None, :], axis=2))
+        along = np.abs(apart[:, :, 0] * normals[:, None, 1] - apart[:, :, 1] * normals[:, None, 0])
+        across[(along > SAME_PLACE) | (normals @ other_normals.T < math.cos(25.0 * DEGREE))] = np.inf
+        distances.append(across.min(axis=1, initial=np.inf))
+    found = np.concatenate(distances) if distances else np.empty(0)
+    return Spread.of(found[found < reach])
+
+
+def wall_points(pose: np.ndarray, curves: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) in the world of curves seen from `pose` (3,), and the walls' normals (n, 2) there, towards it."""
+    placed = [transform(pose, curve) for curve in curves if len(curve) > 1]
+    if not placed:
+        return np.empty((0, 2)), np.empty((0, 2))
+    tangents = np.concatenate([np.gradient(curve, axis=0) for curve in placed])
+    lengths = np.maximum(np.hypot(tangents[:, 0], tangents[:, 1]), 1e-12)
+    return np.concatenate(placed), np.stack([-tangents[:, 1], tangents[:, 0]], axis=1) / lengths[:, None]

@@ -25,9 +25,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     (
         "server", "server.channels", "server.clock", "server.errors", "server.formats", "server.formats.atomic",
-        "server.formats.carmen", "server.formats.errors", "server.formats.g2o", "server.formats.logs",
-        "server.formats.relations", "server.formats.ros_map", "server.formats.sonar8", "server.formats.sparse",
-        "server.formats.tum", "server.link", "server.messages", "server.recording", "server.transport", "server.words",
+        "server.formats.carmen", "server.formats.crazyflie", "server.formats.errors", "server.formats.ev3",
+        "server.formats.g2o", "server.formats.logs", "server.formats.relations", "server.formats.ros_map",
+        "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
+        "server.presets", "server.recording", "server.transport", "server.words",
         "slam.local_search", "slam.path_filter",
     ),
     (

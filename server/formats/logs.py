@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from server.channels import Calibration
-from server.formats import carmen, sonar8, sparse
+from server.formats import carmen, crazyflie, sonar8, sparse
 from server.formats.errors import FormatError, read_bytes
 from server.messages import Message
 from slam.rangefinder import RingParams
 
 SNIFFED = 1 << 20  # bytes of a text file looked at for rows that tell its kind; comments and PARAM rows come first
-KNOWN = "crunch reads its own recordings (.rlog), CARMEN logs and sonar8 (measurement.txt beside poses.txt)"
+KNOWN = (
+    "crunch reads its own recordings (.rlog), CARMEN logs, a Crazyflie's bags, "
+    "and sonar8 (measurement.txt beside poses.txt)"
+)
 
 
 @dataclass(frozen=True)
@@ -24,13 +27,13 @@ class Log:
     """A log that can be read again and again; each call of `messages` begins at its start."""
 
     path: Path
-    kind: str  # "rlog", "carmen" or "sonar8"
+    kind: str  # "rlog", "carmen", "crazyflie" or "sonar8"
     description: str
     source: Callable[[Calibration], Iterator[Message]]
     sensors: dict[str, RingParams] | None  # the rings that its Ranges speak of; None: the robot's own
     n_odometry: int  # exact in foreign logs, about so many in our own
     robot: str | None = None  # who recorded it, if it says so
-    configuration: Mapping[str, Any] = field(default_factory=dict)  # that it was recorded with
+    configuration: Mapping[str, Any] = field(default_factory=dict)  # that it was recorded with, or its robot's preset
     mount: np.ndarray = field(default_factory=lambda: np.zeros(3))  # pose on the robot of the frame that Odometry moves
     truncated_at: int | None = None  # where the file was cut: a line, or an offset in a recording
     warnings: tuple[str, ...] = ()
@@ -54,6 +57,9 @@ def read_log(path: Path | str, beams: int | None = None, max_range: float | None
     content = read_bytes(path, "name a log file")
     if not content.strip():
         raise FormatError(path, None, "is empty", "name a log that holds something")
+    if crazyflie.is_bag(content):
+        check_laser(path, beams)
+        return crazyflie_log(path)
     if carmen.is_carmen(content[:SNIFFED]):
         return carmen_log(path, reduction)
     raise FormatError(path, None, "is no log that crunch knows", KNOWN)
@@ -75,6 +81,20 @@ def sonar8_log(folder: Path) -> Log:
         source=lambda _: sonar8.messages(recording),
         sensors={"sonar": sonar8.RING},
         n_odometry=len(recording.times),
+    )
+
+
+def crazyflie_log(path: Path) -> Log:
+    """Four time-of-flight beams of a nano-quadrotor."""
+    recording = crazyflie.read_crazyflie(path)
+    return Log(
+        path=path,
+        kind="crazyflie",
+        description=f"{len(recording.times)} sweeps of four time-of-flight beams",
+        source=lambda _: crazyflie.messages(recording),
+        sensors={"laser": crazyflie.RING},
+        n_odometry=len(recording.times),
+        configuration={"preset": "crazyflie"},
     )
 
 

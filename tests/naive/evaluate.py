@@ -85,3 +85,42 @@ def revisits(reference, max_distance, min_path):
         if distances and min(distances) < max_distance:
             pairs.append((later, earlier[int(np.argmin(distances))]))
     return pairs
+
+
+def wall_spread(path, curves, reach, min_path):
+    """Distances along the normals between like-facing wall points of visits far apart, one pair of points at a time."""
+    way = [0.0]
+    for a, b in itertools.pairwise(path):
+        way.append(way[-1] + math.dist(a[:2], b[:2]))
+    seen = [
+        [item for curve in found for item in oriented(pose, curve)] for pose, found in zip(path, curves, strict=True)
+    ]
+    distances = []
+    for later in range(len(path)):
+        near = [
+            earlier
+            for earlier in range(later)
+            if way[earlier] <= way[later] - min_path and math.dist(path[earlier][:2], path[later][:2]) < 2.0 * reach
+        ]
+        for x, y, nx, ny in seen[later]:
+            candidates = [
+                abs((u - x) * nx + (v - y) * ny)
+                for earlier in near
+                for u, v, mx, my in seen[earlier]
+                if abs((u - x) * ny - (v - y) * nx) <= 0.1 and nx * mx + ny * my >= math.cos(math.radians(25.0))
+            ]
+            if candidates and min(candidates) < reach:
+                distances.append(min(candidates))
+    return distances
+
+
+def oriented(pose, curve):
+    """Rows (x, y, normal) of a curve's points in the world; the normal is a quarter turn left of the way along it."""
+    rows = []
+    for i in range(len(curve)):
+        before, after = curve[max(i - 1, 0)], curve[min(i + 1, len(curve) - 1)]
+        angle = math.atan2(after[1] - before[1], after[0] - before[0]) + pose[2] + 0.5 * math.pi
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        x, y = curve[i]
+        rows.append((pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, math.cos(angle), math.sin(angle)))
+    return rows if len(curve) > 1 else []

@@ -247,6 +247,47 @@ def test_agreement_of_no_points_is_unknown():
     assert map_agreement(np.empty((0, 2)), wall_grid()).to_dict()["share"] is None
 
 
+def corridor_visits(shift):
+    """Two drives along a straight wall 1 m to the left, the second `shift` m nearer to it by mistake."""
+    there = [(0.5 * i, 0.0, 0.0) for i in range(40)]
+    again = [(0.5 * i, shift, 0.0) for i in range(40)]
+    back = [(20.0 + 0.5 * i, 5.0, 0.0) for i in range(40)]  # elsewhere in between
+    wall = np.column_stack([np.linspace(1.0, -1.0, 21), np.full(21, 1.0)])  # counter-clockwise: from ahead to behind
+    return np.array(there + back + again), [[wall]] * 40 + [[]] * 40 + [[wall]] * 40
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.12, 0.6])
+def test_walls_seen_twice_spread_by_how_far_the_path_is_off(shift):
+    path, curves = corridor_visits(shift)
+    spread = evaluate.wall_spread(path, curves)
+    assert spread.n == 40 * 21
+    assert spread.median == pytest.approx(shift, abs=1e-9)
+
+
+def test_the_other_side_of_a_wall_is_another_wall():
+    path, curves = corridor_visits(0.0)
+    path[80:, 1] = 2.1  # beyond the wall, and seeing it from there
+    curves[80:] = [[np.column_stack([np.linspace(-1.0, 1.0, 21), np.full(21, -1.0)])]] * 40
+    assert evaluate.wall_spread(path, curves).n == 0
+
+
+def test_walls_seen_once_have_no_spread():
+    path, curves = corridor_visits(0.0)
+    assert evaluate.wall_spread(path[:60], curves[:60]).n == 0
+    assert evaluate.wall_spread(path[:0], []).n == 0
+
+
+def test_wall_spread_agrees_with_one_pair_of_points_at_a_time():
+    rng = np.random.default_rng(3)
+    path = laps(2, radius=4.0, n=50) + rng.normal(0.0, 0.05, (100, 3))
+    angles = np.linspace(0.0, 2.0, 12)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    curves = [[(0.8 + rng.uniform(0.0, 0.4)) * ring, ring[:1]] for _ in path]
+    expected = naive.wall_spread(path, curves, 1.0, 20.0)
+    assert len(expected) > 100
+    assert evaluate.wall_spread(path, curves) == pytest.approx(evaluate.Spread.of(np.array(expected)), nan_ok=True)
+
+
 def test_results_are_json():
     reference = laps(2)
     results = [

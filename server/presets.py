@@ -1,0 +1,28 @@
+"""Settings that belong together under one name: the thesis taken literally, and robots that are not Crunch.
+
+A foreign log names the preset of the robot that made it; what a person says wins over that.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+THESIS: dict[str, Any] = {
+    "crunch": {
+        "hindsight": 0,
+        "local_map": {"reach": 1.0, "resample": True},
+        "walls": {"thickness": 1e-3},  # the first point above the threshold
+        "vfh": {"radial_sum": True, "robot_radius": 0.0, "clearance": 0.0},
+        "filter": {
+            "motion": {"rotation_noise": 0.0, "turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
+            "direction": {"gain": 0.0},
+            "comparison": {
+                "affinity": {"states": 2, "both_free": 1.0, "both_wall": 1.0, "differ": -1.0, "gain": 0.3},
+            },
+        },
+    }
+}
+# A gyroscope keeps the heading better than wheels do; optical flow measures distances no better.
+CRAZYFLIE: dict[str, Any] = {"crunch": {"filter": {"motion": {"turn_noise": 0.02, "turn_bias": 0.01}}}}
+
+NAMED: dict[str, dict[str, Any]] = {"thesis": THESIS, "crazyflie": CRAZYFLIE}
