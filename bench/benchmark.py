@@ -7,6 +7,7 @@ A benchmark lives in a module of its own as a `Bench`; `bench.catalogue` lists t
 from __future__ import annotations
 
 import math
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -65,7 +66,7 @@ def each(run: Callable[[Any, int], Record], cases: Mapping[str, Any]) -> Callabl
 class Crew:
     """Who does the runs: processes that live as long as the block, and a bar that tells how far they are.
 
-    Rows whose names do not contain `only` are not wanted.
+    Only rows whose names have `only` in them as whole words are wanted.
     """
 
     def __init__(self, seeds: int, jobs: int = 1, only: str = ""):
@@ -84,7 +85,7 @@ class Crew:
 
     def wants(self, name: str) -> bool:
         """Whether a row of this name is to be made."""
-        return self.only in name
+        return re.search(rf"(?<!\w){re.escape(self.only)}(?!\w)", name) is not None
 
     def map(self, run: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], title: str) -> list[Any]:
         """run(*job) of every job, in their order."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench import cycle, dashboard, floor, real, sonar8
+from bench import ablation, cycle, dashboard, floor, real, scale, sonar8, speed
 from bench.benchmark import Bench
 
 CATALOGUE: tuple[Bench, ...] = (
@@ -10,5 +10,8 @@ CATALOGUE: tuple[Bench, ...] = (
     real.BENCH,
     floor.BENCH,
     sonar8.BENCH,
+    ablation.BENCH,
+    scale.BENCH,
+    speed.BENCH,
     *dashboard.BENCHES,
 )

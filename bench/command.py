@@ -82,6 +82,6 @@ def run(bench: Bench, seeds: int, jobs: int = 1, only: str = "") -> Iterator[Res
             result.seconds = round(time.perf_counter() - began, 1)
             yield result
     if not rows:
-        raise UserError(f"no row of `{bench.name}` contains `{only}`; leave out --only to see them all")
+        raise UserError(f"no row of `{bench.name}` has `{only}` in its name; leave out --only to see them all")
     result.notes = list(bench.notes(rows)) if bench.notes else []
     yield result

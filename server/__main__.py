@@ -276,7 +276,7 @@ def bench(
     seeds: Annotated[int | None, typer.Option(min=1, help="Runs of each row.", show_default="its own")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes at a time; what is timed runs alone.")] = 1,
     only: Annotated[
-        str, typer.Option(metavar="TEXT", help="Only rows whose names contain it.", show_default="all")
+        str, typer.Option(metavar="TEXT", help="Only rows with these words in their names.", show_default="all")
     ] = "",
     output: Annotated[
         Path | None, typer.Option(help="JSON file for all results.", show_default="build/bench/NAME.json")

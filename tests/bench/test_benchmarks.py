@@ -70,9 +70,9 @@ def test_rows_have_all_columns_whatever_the_number_of_processes():
 
 
 def test_only_leaves_rows_out_and_needs_one():
-    assert [row.name for row in ended(CHEAP, 1, 1, "tw").rows] == ["two"]
-    with pytest.raises(UserError, match="no row of `cheap` contains `three`"):
-        ended(CHEAP, 1, 1, "three")
+    assert [row.name for row in ended(CHEAP, 1, 1, "two").rows] == ["two"]
+    with pytest.raises(UserError, match="no row of `cheap` has `tw` in its name"):
+        ended(CHEAP, 1, 1, "tw")
 
 
 def test_a_run_that_is_stopped_leaves_what_it_had():

@@ -1,0 +1,116 @@
+"""How fast a replay is and where its time goes: semi-real Intel, 2,000 particles, one thread.
+
+Start-up is what passes from a new process to the moment at which every kernel is loaded; it is told apart. The parts
+are measured in a run of their own, whose clock readings would slow the timed one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from bench.benchmark import Bench, Column, Crew, Record, Row, figures, middle, runs
+from bench.recordings import read, semireal
+from bench.scores import params_of
+from server.messages import Effect, Keyframe, Ranges
+from server.replay import fold, run_log, warm_up
+from server.robots.crunch import Crunch, CrunchParams, make_estimator
+
+REPEATS = 3  # of which the fastest counts: other work on the machine only slows it
+
+
+class Timed(Crunch):
+    """The robot with a clock around what takes long."""
+
+    def __init__(self, params: CrunchParams):
+        super().__init__(params)
+        self.fusion = self.walls = 0.0
+
+    def look(self, message: Ranges) -> list[Effect]:
+        """Fuse a sweep."""
+        before = time.perf_counter()
+        effects = super().look(message)
+        self.fusion += time.perf_counter() - before
+        return effects
+
+    def observe(self) -> Keyframe:
+        """Take a vertex's walls."""
+        before = time.perf_counter()
+        keyframe = super().observe()
+        self.walls += time.perf_counter() - before
+        return keyframe
+
+
+def run(preset: str, seed: int, started: float) -> Record:
+    """One drive in a process that was started at `started` (s since 1970)."""
+    params = params_of(preset)
+    warm_up(params, 1)
+    startup = time.time() - started
+    log = read(semireal("intel", seed))[0]
+    results = [run_log(log, params, seed) for _ in range(REPEATS)]
+    fastest = min((result.seconds for result in results), key=lambda seconds: seconds["total"])
+    duration = float(np.ptp(results[0].drive.times))
+    return {
+        "seed": seed,
+        "startup": startup,
+        "speed": duration / fastest["total"],
+        "duration": duration,
+        "vertices": len(results[0].path),
+        "total": fastest["total"],
+        "filter": fastest["filter"],
+        **parts(log, params, seed),
+    }
+
+
+def parts(log, params: CrunchParams, seed: int) -> Record:
+    """Seconds of decoding, fusion, walls and what else the fold does."""
+    before = time.perf_counter()
+    for _ in log.messages(params.calibration):
+        pass
+    decoding = time.perf_counter() - before
+    robot, path_filter, filtering = Timed(params), make_estimator(params, seed, 1), 0.0
+
+    def extend(keyframe: Keyframe) -> None:
+        nonlocal filtering
+        started = time.perf_counter()
+        path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+        filtering += time.perf_counter() - started
+
+    before = time.perf_counter()
+    fold(log, robot, extend)
+    total = time.perf_counter() - before
+    rest = total - filtering - decoding - robot.fusion - robot.walls
+    return {"decoding": decoding, "fusion": robot.fusion, "walls": robot.walls, "rest": rest}
+
+
+def rows(crew: Crew) -> Iterator[Row]:
+    """The default and the literal thesis; every run in a process of its own."""
+    for preset in ("default", "thesis"):
+        if crew.wants(preset):
+            yield Row(preset, [crew.alone(run, preset, seed, time.time()) for seed in range(crew.seeds)])
+
+
+BENCH = Bench(
+    name="speed",
+    about="replay of semi-real Intel, 2,000 particles, one core: times real time, and where the time goes",
+    rows=rows,
+    columns=(
+        Column("runs", runs),
+        Column("x real time, median / least", figures("speed", 0, 0.5, 0.0)),
+        Column("total (s)", middle("total")),
+        Column("decoding (s)", middle("decoding")),
+        Column("fusion (s)", middle("fusion")),
+        Column("walls (s)", middle("walls")),
+        Column("rest of the fold (s)", middle("rest")),
+        Column("filter (s)", middle("filter")),
+        Column("start-up, not counted (s)", middle("startup", 1)),
+        Column("drive (s)", middle("duration", 0)),
+    ),
+    seeds=5,
+    minutes=4,
+    needs_data=True,
+    is_timed=True,
+    heading="preset",
+)
