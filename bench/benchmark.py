@@ -85,7 +85,7 @@ class Crew:
 
     def wants(self, name: str) -> bool:
         """Whether a row of this name is to be made."""
-        return re.search(rf"(?<!\w){re.escape(self.only)}(?!\w)", name) is not None
+        return not self.only or re.search(rf"(?<!\w){re.escape(self.only)}(?!\w)", name) is not None
 
     def map(self, run: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], title: str) -> list[Any]:
         """run(*job) of every job, in their order."""

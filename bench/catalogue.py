@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench import ablation, cycle, dashboard, floor, real, scale, sonar8, speed
+from bench import ablation, calibration, cycle, dashboard, floor, real, scale, sonar8, speed
 from bench.benchmark import Bench
 
 CATALOGUE: tuple[Bench, ...] = (
@@ -11,6 +11,7 @@ CATALOGUE: tuple[Bench, ...] = (
     floor.BENCH,
     sonar8.BENCH,
     ablation.BENCH,
+    calibration.BENCH,
     scale.BENCH,
     speed.BENCH,
     *dashboard.BENCHES,

@@ -7,9 +7,11 @@ import math
 import pytest
 
 from bench import benchmark, command
+from bench.ablation import INGREDIENTS
 from bench.benchmark import Bench, Column, Crew, Record, Row, each
 from bench.catalogue import CATALOGUE
 from bench.result import Results, show_table
+from bench.scores import params_of
 from server.errors import UserError
 from server.terminal import benchmarks
 
@@ -144,3 +146,14 @@ def test_without_recordings_it_is_skipped_in_one_line(monkeypatch, capsys, tmp_p
     monkeypatch.setenv("CRUNCH_DATA", str(tmp_path / "nowhere"))
     command.run_all(["sonar8"], None, 1, "", None)
     assert "sonar8: skipped" in capsys.readouterr().out
+
+
+def test_what_is_switched_off_is_a_setting():
+    everything = params_of()
+    for name, changes in INGREDIENTS.items():
+        assert (params_of(**changes) == everything) == (name == "everything"), name
+
+
+def test_a_fresh_process_gives_back_what_it_found():
+    with Crew(1) as crew:
+        assert crew.alone(square, 3.0, 2)["error"] == 12.0
