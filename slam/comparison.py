@@ -16,8 +16,9 @@ from pydantic import Field
 from slam.affinity import (
     AffinityParams,
     Pattern,
-    gaussian_points,
+    early_affinity,
     label_raster,
+    pattern_of,
     point_affinity,
     segment_affinity,
     wall_segments,
@@ -47,48 +48,75 @@ class Rule(NamedTuple):
     pattern: Pattern
 
 
-@njit(cache=True, inline="always")
-def keep_nearest(near, where, found, square, item):
-    """Insert `item` at squared distance `square` into the ascending list `near`, `where`; how many it holds now."""
-    if found == near.size and square >= near[found - 1]:
-        return found
-    found = min(found + 1, near.size)
-    place = found - 1
-    while place > 0 and near[place - 1] > square:
-        near[place], where[place] = near[place - 1], where[place - 1]
-        place -= 1
-    near[place], where[place] = square, item
-    return found
+class Seen(NamedTuple):
+    """What the kernels need of the vertices' walls: label rasters one after the other (flat), or segments (v, k, 5)."""
+
+    labels: np.ndarray
+    size: int
+    segments: np.ndarray
 
 
 @njit(cache=True, inline="always")
-def pair_affinity(labels, segments, rule, a, xa, ya, theta_a, b, xb, yb, theta_b):
-    """Log weight of vertices a and b, at these poses, for agreeing."""
-    if rule.by_points:
-        return rule.gain * point_affinity(labels[a], labels[b], xa, ya, theta_a, xb, yb, theta_b, rule.pattern)
-    return rule.gain * segment_affinity(segments[a], segments[b], xa, ya, theta_a, xb, yb, theta_b, rule.segment_scale)
+def keep_nearest(near, where, place, square, item):
+    """Insert `item` at squared distance `square` into row `place` of the ascending lists `near`, `where` (n, k).
+
+    A list that is not full ends in places of what would just not be near any more.
+    """
+    last = near.shape[1] - 1
+    if square >= near[place, last]:
+        return
+    while last > 0 and near[place, last - 1] > square:
+        near[place, last], where[place, last] = near[place, last - 1], where[place, last - 1]
+        last -= 1
+    near[place, last], where[place, last] = square, item
+
+
+@njit(cache=True, inline="always")
+def pair_affinity(seen, rule, a, xa, ya, theta_a, b, xb, yb, theta_b, cells):
+    """Log weight of vertices a and b, at these poses, for agreeing; `cells` two (m,) int32 to work in."""
+    if not rule.by_points:
+        first, second = seen.segments[a], seen.segments[b]
+        return rule.gain * segment_affinity(first, second, xa, ya, theta_a, xb, yb, theta_b, rule.segment_scale)
+    if rule.pattern.early_exit > -math.inf:
+        score = early_affinity(seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells)
+    else:
+        score = point_affinity(seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells)
+    return rule.gain * score
+
+
+@njit(cache=True, inline="always")
+def points_pair_affinity(seen, rule, a, xa, ya, theta_a, b, xb, yb, theta_b, cells):
+    """The same where all test points are looked at: without the other cases beside it the loop is faster by a third."""
+    return rule.gain * point_affinity(
+        seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells
+    )
+
+
+@njit(cache=True, inline="always")
+def room_for_cells(rule):
+    """What comparing a pair needs to work in."""
+    return np.empty(rule.pattern.x.size, np.int32), np.empty(rule.pattern.x.size, np.int32)
 
 
 @njit(cache=True, nogil=True)
-def path_affinity(poses, first, labels, segments, rule):
+def path_affinity(poses, first, seen, rule):
     """Affinity of one path (n, 3): the sum over its vertices from `first` on, each with its nearest earlier ones."""
-    near = np.empty(rule.neighbours)
-    where = np.empty(rule.neighbours, np.int64)
+    near = np.empty((1, rule.neighbours))
+    where = np.empty((1, rule.neighbours), np.int64)
+    cells = room_for_cells(rule)
     total = 0.0
     for newest in range(max(first, rule.gap), poses.shape[0]):
-        found = 0
+        near[:], where[:] = rule.range * rule.range, -1
         x, y = poses[newest, 0], poses[newest, 1]
         for other in range(newest - rule.gap, -1, -1):
             dx, dy = poses[other, 0] - x, poses[other, 1] - y
-            square = dx * dx + dy * dy
-            if square < rule.range * rule.range:
-                found = keep_nearest(near, where, found, square, other)
-        for place in range(found):
-            other = where[place]
-            total += pair_affinity(
-                labels, segments, rule, newest, x, y, poses[newest, 2],
-                other, poses[other, 0], poses[other, 1], poses[other, 2],
-            )  # fmt: skip
+            keep_nearest(near, where, 0, dx * dx + dy * dy, other)
+        for other in where[0]:
+            if other >= 0:
+                total += pair_affinity(
+                    seen, rule, newest, x, y, poses[newest, 2],
+                    other, poses[other, 0], poses[other, 1], poses[other, 2], cells,
+                )  # fmt: skip
     return total
 
 
@@ -99,7 +127,7 @@ class Observations:
         affinity = params.affinity
         self.affinity = affinity
         self.reach = reach
-        self.size = 2 * math.ceil((reach + affinity.wall_thickness) / affinity.label_cell)
+        self.size = 2 * (math.ceil((reach + affinity.wall_thickness) / affinity.label_cell) + 1)
         self.n_vertices = 0
         self.labels = np.zeros((64, self.size, self.size) if affinity.kind == "points" else (1, 1, 1), np.int8)
         self.segments = np.zeros((1, 1, 5))
@@ -110,15 +138,13 @@ class Observations:
             affinity.gain if affinity.kind == "points" else affinity.segment_gain,
             affinity.kind == "points",
             affinity.segment_scale,
-            Pattern(
-                gaussian_points(affinity.n_points, affinity.spread * reach),
-                affinity.label_cell,
-                affinity.both_free,
-                affinity.both_wall,
-                affinity.differ,
-                affinity.early_exit,
-            ),
+            pattern_of(affinity, reach),
         )
+
+    @property
+    def seen(self) -> Seen:
+        """The same as the kernels take it."""
+        return Seen(self.labels.reshape(-1), self.size, self.segments)
 
     def add(self, walls: Walls) -> None:
         """Keep what will be compared of the next vertex's walls."""

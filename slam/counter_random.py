@@ -32,11 +32,15 @@ def nth_output(state, n):
 
 
 @njit(cache=True)
+def vertex_key(seed, vertex):
+    """The first two words of a key, for those who draw for many particles."""
+    return nth_output(np.uint64(seed), vertex)
+
+
+@njit(cache=True)
 def bits(seed, vertex, particle, stream):
     """64 random bits of the key, as a uint64."""
-    of_vertex = nth_output(np.uint64(seed), vertex)
-    of_particle = nth_output(of_vertex, particle)
-    return nth_output(of_particle, stream)
+    return nth_output(nth_output(vertex_key(seed, vertex), particle), stream)
 
 
 @njit(cache=True)
@@ -48,8 +52,15 @@ def uniform(seed, vertex, particle, stream):
 @njit(cache=True)
 def gaussian(seed, vertex, particle, stream):
     """Standard normal number; never beyond 8.21, where 2^-53 of the distribution is left on either side."""
+    return gaussian_of(vertex_key(seed, vertex), particle, stream)
+
+
+@njit(cache=True)
+def gaussian_of(key, particle, stream):
+    """The same from a vertex's key."""
     # Midpoints of 2^52 intervals: exact in a double, symmetric about 1/2, and never 0 or 1.
-    return normal_quantile((np.float64(bits(seed, vertex, particle, stream) >> SHIFT_12) + 0.5) * 2.0**-52)
+    drawn = nth_output(nth_output(key, particle), stream) >> SHIFT_12
+    return normal_quantile((np.float64(drawn) + 0.5) * 2.0**-52)
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from slam.comparison import ComparisonParams, Observations, path_affinity
 from slam.counter_random import gaussian, uniform
-from slam.motion import MotionParams, moved_pose
+from slam.motion import MotionParams, moved_pose, step_of
 from slam.params import Params
 from slam.path_filter import PathEstimate
 from slam.pose import between
@@ -43,14 +43,15 @@ def place_path(poses, first, motions, travelled, corrections, noise):
     """Recompute `poses` (n, 3) from vertex `first` on, from motions (n, 3), distances (n,) and corrections (n, 2)."""
     for vertex in range(max(first, 1), poses.shape[0]):
         x, y, theta = moved_pose(
-            poses[vertex - 1, 0], poses[vertex - 1, 1], poses[vertex - 1, 2], motions[vertex], travelled[vertex], noise,
+            poses[vertex - 1, 0], poses[vertex - 1, 1], poses[vertex - 1, 2],
+            step_of(motions[vertex], travelled[vertex], noise),
             corrections[vertex, 0], corrections[vertex, 1], 0.0, 0.0,
         )  # fmt: skip
         poses[vertex, 0], poses[vertex, 1], poses[vertex, 2] = x, y, theta
 
 
 @njit(cache=True, nogil=True)
-def search(poses, motions, travelled, corrections, noise, labels, segments, rule, tries, sizes, seed):
+def search(poses, motions, travelled, corrections, noise, seen, rule, tries, sizes, seed):
     """Improve `corrections` and `poses` in place; how many of the perturbations `tries` (first, end) were kept."""
     n = poses.shape[0]
     trial = poses.copy()
@@ -64,8 +65,8 @@ def search(poses, motions, travelled, corrections, noise, labels, segments, rule
         gain = 0.5 * (old_angle**2 + old_distance**2 - angle**2 - distance**2)
         corrections[vertex, 0], corrections[vertex, 1] = angle, distance
         place_path(trial, vertex, motions, travelled, corrections, noise)
-        gain += path_affinity(trial, vertex, labels, segments, rule)
-        gain -= path_affinity(poses, vertex, labels, segments, rule)
+        gain += path_affinity(trial, vertex, seen, rule)
+        gain -= path_affinity(poses, vertex, seen, rule)
         if gain > 0.0:
             poses[vertex:] = trial[vertex:]
             kept += 1
@@ -115,8 +116,8 @@ class LocalSearch:
             return 0  # there is nothing to correct yet
         seen = self.observations
         kept = search(
-            self.poses, self.motions, self.travelled, self.corrections, self.noise, seen.labels, seen.segments,
-            seen.rule, (self.tried, self.tried + n_tries), self.sizes, self.seed,
+            self.poses, self.motions, self.travelled, self.corrections, self.noise, seen.seen, seen.rule,
+            (self.tried, self.tried + n_tries), self.sizes, self.seed,
         )  # fmt: skip
         self.tried += n_tries
         self.accepted += kept
@@ -137,7 +138,7 @@ class LocalSearch:
     def affinity(self) -> float:
         """How well the map agrees with itself."""
         seen = self.observations
-        return float(path_affinity(self.poses, 0, seen.labels, seen.segments, seen.rule))
+        return float(path_affinity(self.poses, 0, seen.seen, seen.rule))
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """One path knows nothing of others."""

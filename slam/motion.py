@@ -7,12 +7,13 @@ in one direction for minutes, so that a particle carries a turn bias and a scale
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from pydantic import Field
 
-from slam.counter_random import gaussian
+from slam.counter_random import gaussian, gaussian_of
 from slam.params import Params
 
 ANGLE, DISTANCE, TURN_BIAS, SCALE_BIAS, TURN_JITTER, SCALE_JITTER, OFFSET = range(7)  # streams of random numbers
@@ -29,44 +30,68 @@ class MotionParams(Params):
     jitter: float = Field(default=0.1, ge=0.0)  # of the biases at each resampling, as a share of their first spread
 
 
-@njit(cache=True, inline="always")
-def moved_pose(x, y, theta, motion, travelled, noise, angle_error, distance_error, turn_bias, scale_bias):
-    """Pose after `motion` (3,) over `travelled` m with errors in standard deviations; `noise` as in `propagate`.
+class Step(NamedTuple):
+    """A motion of the odometry and its errors' standard deviations, as every particle takes it.
 
-    Half the angle error acts before the translation and half after it.
+    `distance` m in the `direction` rad of the older vertex's frame, `rotation` rad, over `travelled` m.
     """
+
+    distance: float
+    direction: float
+    rotation: float
+    travelled: float
+    turn_sigma: float
+    distance_sigma: float
+
+
+@njit(cache=True)
+def step_of(motion, travelled, noise):
+    """The step of a `motion` (3,) over `travelled` m; `noise` is (turn, distance, rotation) of the parameters."""
     root = math.sqrt(travelled)
-    turn = turn_bias * travelled + math.hypot(noise[0] * root, noise[2] * motion[2]) * angle_error
     distance = math.hypot(motion[0], motion[1])
-    direction = math.atan2(motion[1], motion[0]) if distance > 1e-9 else 0.0
-    length = distance * (1.0 + scale_bias) + noise[1] * root * distance_error
-    heading = theta + direction + 0.5 * turn
-    new_theta = theta + motion[2] + turn
+    return Step(
+        distance,
+        math.atan2(motion[1], motion[0]) if distance > 1e-9 else 0.0,
+        motion[2],
+        travelled,
+        math.hypot(noise[0] * root, noise[2] * motion[2]),
+        noise[1] * root,
+    )
+
+
+@njit(cache=True, inline="always")
+def moved_pose(x, y, theta, step, angle_error, distance_error, turn_bias, scale_bias):
+    """Pose after a step with errors in standard deviations. Half the turn's error acts before the way, half after."""
+    turn = turn_bias * step.travelled + step.turn_sigma * angle_error
+    length = step.distance * (1.0 + scale_bias) + step.distance_sigma * distance_error
+    heading = theta + step.direction + 0.5 * turn
+    new_theta = theta + step.rotation + turn
     new_theta -= 2.0 * math.pi * math.floor((new_theta + math.pi) / (2.0 * math.pi))
     return x + length * math.cos(heading), y + length * math.sin(heading), new_theta
 
 
-@njit(cache=True)
-def propagate(poses, motion, travelled, noise, turn_biases, scale_biases, seed, vertex, moved, plausibilities):
-    """Move all particles by the motion model: `moved` (n, 3) from `poses` (n, 3); add to their log densities.
+@njit(cache=True, inline="always")
+def step_plausibility(step, angle_error, distance_error, turn_bias, scale_bias):
+    """Log density, up to a constant, of the corrections to a step (thesis, 2.4), biases being part of them."""
+    angle = angle_error + turn_bias * step.travelled / max(1e-9, step.turn_sigma)
+    stretch = distance_error + scale_bias * step.distance / max(1e-9, step.distance_sigma)
+    return -0.5 * (angle * angle + stretch * stretch)
 
-    `motion` (3,) is the odometry's, in the older vertex's frame, over `travelled` metres; `noise` is (turn, distance,
-    rotation) of the parameters. The density is that of the corrections to the odometry under its noise (thesis, 2.4), a
-    particle's biases being part of its corrections.
+
+@njit(cache=True, nogil=True)
+def propagate(poses, rows, step, key, turn_biases, scale_biases, low, high, moved, plausibilities):
+    """Move particles low..high by the motion model: `moved` (n, 3) from `poses[rows]`; add to their log densities.
+
+    `key` is the seed's and the vertex's (`counter_random.vertex_key`).
     """
-    root = math.sqrt(travelled)
-    turn_sigma = max(1e-9, math.hypot(noise[0] * root, noise[2] * motion[2]))
-    distance_sigma = max(1e-9, noise[1] * root)
-    distance = math.hypot(motion[0], motion[1])
-    for p in range(poses.shape[0]):
-        angle_error, distance_error = gaussian(seed, vertex, p, ANGLE), gaussian(seed, vertex, p, DISTANCE)
+    for p in range(low, high):
+        row = rows[p]
+        angle_error, distance_error = gaussian_of(key, p, ANGLE), gaussian_of(key, p, DISTANCE)
         moved[p, 0], moved[p, 1], moved[p, 2] = moved_pose(
-            poses[p, 0], poses[p, 1], poses[p, 2], motion, travelled, noise, angle_error, distance_error,
+            poses[row, 0], poses[row, 1], poses[row, 2], step, angle_error, distance_error,
             turn_biases[p], scale_biases[p],
         )  # fmt: skip
-        angle = angle_error + turn_biases[p] * travelled / turn_sigma
-        stretch = distance_error + scale_biases[p] * distance / distance_sigma
-        plausibilities[p] -= 0.5 * (angle * angle + stretch * stretch)
+        plausibilities[p] += step_plausibility(step, angle_error, distance_error, turn_biases[p], scale_biases[p])
 
 
 @njit(cache=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -41,6 +43,27 @@ def effective_sample_size(weights: np.ndarray) -> float:
     return 1.0 / float(np.sum(np.square(weights)))
 
 
+BLOCK = 4096  # weights that are summed together, so that sums do not depend on who does which part
+
+
+@njit(cache=True, nogil=True)
+def exponentials(log_weights, greatest, weights, sums, low, high):
+    """exp(log_weights - greatest) for the blocks low..high of 4096 weights, and each block's two sums (blocks, 2).
+
+    The sums are of the weights w and of w log w, whose entropy is log W - (sum w log w) / W with W their sum.
+    """
+    for block in range(low, high):
+        total, weighted = 0.0, 0.0
+        for p in range(block * BLOCK, min((block + 1) * BLOCK, log_weights.size)):
+            below = log_weights[p] - greatest
+            weight = math.exp(below)
+            weights[p] = weight
+            total += weight
+            if weight > 0.0:
+                weighted += weight * below
+        sums[block, 0], sums[block, 1] = total, weighted
+
+
 @njit(cache=True)
 def systematic(weights, offset, n_children=-1):
     """Ancestor of each child, ascending; as many children as weights unless told otherwise.
@@ -54,7 +77,7 @@ def systematic(weights, offset, n_children=-1):
     last = n - 1
     while last > 0 and weights[last] <= 0.0:  # the last parent that can have children takes round-off
         last -= 1
-    ancestors = np.empty(n_children, np.int64)
+    ancestors = np.empty(n_children, np.int32)
     parent = 0
     covered = weights[0]
     for child in range(n_children):

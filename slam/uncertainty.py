@@ -39,104 +39,74 @@ class Uncertainty(NamedTuple):
     branches: Branches | None
 
 
-@njit(cache=True, inline="always")
-def place_of(nodes, node):
-    """Where a node lies, as a complex number in double precision: variances are small differences of squares."""
-    return complex(np.float64(nodes.poses[node, 0]), np.float64(nodes.poses[node, 1]))
-
-
 @njit(cache=True)
-def spreads(nodes, leaves, weights):
+def spreads(nodes, n_levels, leaves, weights):
     """Spread (v,) of each vertex in the world, and the same in the frames of the particles' newest vertices.
 
-    Places are complex numbers. A vertex at p, seen from a leaf (l, theta), lies at exp(-i theta) (p - l); the leaves'
-    moments that its mean and variance need do not depend on p, and add up from children to their parent.
+    `leaves` (k,) are rows of the newest level, ascending. Places are complex numbers in double precision, for variances
+    are small differences of squares. A vertex at p, seen from a leaf (l, theta), lies at exp(-i theta) (p - l); the
+    leaves' moments that its mean and variance need do not depend on p, and add up from children to their parent.
     """
-    n_levels = nodes.depth[leaves[0]] + 1
     variances = np.zeros((2, n_levels))
-    row = np.full(nodes.parent.size, -1, np.int32)  # of the level's nodes that were met
-    here, above = np.empty(leaves.size, np.int32), np.empty(leaves.size, np.int32)
+    rows = np.empty(leaves.size, np.int32)  # of the level's nodes on the way of any leaf
     sums = np.zeros((leaves.size, 5), np.complex128)  # of w, w l, w |l|^2, w exp(-i theta), w exp(-i theta) l
-    n_here = 0
+    n = 0
     for p in range(leaves.size):
-        leaf = leaves[p]
-        if row[leaf] < 0:
-            row[leaf] = n_here
-            here[n_here] = leaf
-            n_here += 1
-        place = place_of(nodes, leaf)
-        turned = weights[p] * cmath.exp(-1j * np.float64(nodes.poses[leaf, 2]))
-        sums[row[leaf], 0] += weights[p]
-        sums[row[leaf], 1] += weights[p] * place
-        sums[row[leaf], 2] += weights[p] * abs(place) ** 2
-        sums[row[leaf], 3] += turned
-        sums[row[leaf], 4] += turned * place
+        if p == 0 or leaves[p] != leaves[p - 1]:
+            rows[n] = leaves[p]
+            n += 1
+        node = nodes.starts[n_levels - 1] + leaves[p]
+        place = complex(np.float64(nodes.poses[node, 0]), np.float64(nodes.poses[node, 1]))
+        turned = weights[p] * cmath.exp(-1j * np.float64(nodes.poses[node, 2]))
+        sums[n - 1, 0] += weights[p]
+        sums[n - 1, 1] += weights[p] * place
+        sums[n - 1, 2] += weights[p] * abs(place) ** 2
+        sums[n - 1, 3] += turned
+        sums[n - 1, 4] += turned * place
     for level in range(n_levels - 1, -1, -1):
         mean, seen_mean, square, seen_square = 0j, 0j, 0.0, 0.0
-        sums_above = np.zeros((n_here, 5), np.complex128)
-        n_above = 0
-        for k in range(n_here):
-            node, moments = here[k], sums[k]
-            place = place_of(nodes, node)
-            own = moments[0].real * abs(place) ** 2
-            mean += moments[0] * place
+        n_above, last = 0, -1
+        for k in range(n):
+            node = nodes.starts[level] + rows[k]
+            place = complex(np.float64(nodes.poses[node, 0]), np.float64(nodes.poses[node, 1]))
+            own = sums[k, 0].real * abs(place) ** 2
+            mean += sums[k, 0] * place
             square += own
-            seen_mean += place * moments[3] - moments[4]
-            seen_square += own - 2.0 * (place.conjugate() * moments[1]).real + moments[2].real
-            parent = nodes.parent[node]
-            if parent < 0:
-                continue
-            if row[parent] < 0:
-                row[parent] = n_above
-                above[n_above] = parent
+            seen_mean += place * sums[k, 3] - sums[k, 4]
+            seen_square += own - 2.0 * (place.conjugate() * sums[k, 1]).real + sums[k, 2].real
+            parent = nodes.parents[node]
+            if k > 0 and parent == last:
+                sums[n_above - 1] += sums[k]
+            else:
+                sums[n_above] = sums[k]
+                rows[n_above] = last = parent
                 n_above += 1
-            sums_above[row[parent]] += moments
         variances[0, level] = square - abs(mean) ** 2
         variances[1, level] = seen_square - abs(seen_mean) ** 2
-        here, above = above, here
-        n_here, sums = n_above, sums_above
+        n = n_above
     return np.sqrt(np.maximum(variances, 0.0))
-
-
-@njit(cache=True)
-def lineages(nodes, leaves):
-    """Nodes (k,) on the ways from some leaves to the root, the root first, and each one's parent as a row (k,) of them.
-
-    A parent stands before its children.
-    """
-    n_levels = nodes.depth[leaves[0]] + 1
-    found = np.empty(leaves.size * n_levels, np.int32)
-    row = np.full(nodes.parent.size, -1, np.int32)
-    n_found = 0
-    for p in range(leaves.size):
-        if row[leaves[p]] < 0:
-            row[leaves[p]] = n_found
-            found[n_found] = leaves[p]
-            n_found += 1
-    k = 0
-    while k < n_found:  # level by level, since all leaves lie at one depth
-        parent = nodes.parent[found[k]]
-        if parent >= 0 and row[parent] < 0:
-            row[parent] = n_found
-            found[n_found] = parent
-            n_found += 1
-        k += 1
-    members = found[:n_found][::-1].copy()
-    parents = np.full(n_found, -1, np.int32)
-    for k in range(1, n_found):
-        parents[k] = n_found - 1 - row[nodes.parent[members[k]]]
-    return members, parents
 
 
 def branches(tree: PathTree, weights: np.ndarray, n_leaves: int) -> Branches:
     """The paths of about `n_leaves` particles, drawn systematically by their weights (n_particles,)."""
-    drawn = systematic(weights, MIDDLE, n_leaves)
-    members, parents = lineages(tree.nodes, tree.leaves[drawn])
-    return Branches(tree.nodes.poses[members], parents, tree.nodes.depth[members])
+    rows = np.unique(tree.leaves[systematic(weights, MIDDLE, n_leaves)])
+    poses, parents, depths = [], [], []
+    for level in range(tree.n_levels - 1, -1, -1):
+        nodes = tree.nodes.starts[level] + rows
+        rows, above = np.unique(tree.nodes.parents[nodes], return_inverse=True)
+        poses.append(tree.nodes.poses[nodes])
+        parents.append(above)
+        depths.append(np.full(nodes.size, level, np.int32))
+    firsts = np.cumsum([0] + [len(level) for level in poses[::-1]])  # row of each level's first node
+    offsets = np.concatenate([[0], firsts[:-2]])[::-1]
+    rows_above = [above + offset for above, offset in zip(parents, offsets, strict=True)]
+    found = np.concatenate(rows_above[::-1]).astype(np.int32)
+    found[0] = -1
+    return Branches(np.concatenate(poses[::-1]), found, np.concatenate(depths[::-1]))
 
 
 def uncertainty(tree: PathTree, weights: np.ndarray, n_leaves: int) -> Uncertainty:
     """Spreads of the particles of the given weights (n_particles,), and the branches of about `n_leaves` of them."""
     drawn = tree.leaves[systematic(weights, MIDDLE, SAMPLE)]
-    spread, revisit_spread = spreads(tree.nodes, drawn, np.full(SAMPLE, 1.0 / SAMPLE))
+    spread, revisit_spread = spreads(tree.nodes, tree.n_levels, drawn, np.full(SAMPLE, 1.0 / SAMPLE))
     return Uncertainty(spread, revisit_spread, branches(tree, weights, n_leaves))

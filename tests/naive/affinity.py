@@ -25,8 +25,9 @@ def label_at(distances, free, x, y, thickness, states, reach):
 
 def label_raster(distances, free, size, cell, thickness, states, reach):
     """Every cell's label, at its centre."""
-    centres = (np.arange(size) + 0.5 - 0.5 * size) * cell
-    return np.array([[label_at(distances, free, x, y, thickness, states, reach) for x in centres] for y in centres])
+    centres = (np.arange(1, size - 1) + 0.5 - 0.5 * size) * cell  # the outermost cells stay unknown
+    inner = [[label_at(distances, free, x, y, thickness, states, reach) for x in centres] for y in centres]
+    return np.pad(np.array(inner), 1)
 
 
 def look_up(labels, cell, pose, place):
@@ -41,8 +42,8 @@ def point_scores(labels_a, labels_b, pose_a, pose_b, pattern):
     """Score of every test point; the pattern lies around the middle and is turned as a is."""
     middle = np.array([0.5 * (pose_a[0] + pose_b[0]), 0.5 * (pose_a[1] + pose_b[1]), pose_a[2]])
     scores = []
-    for x, y in pattern.points:
-        place = se2.compose(middle, (x, y, 0.0))
+    for x, y in zip(pattern.x, pattern.y, strict=True):
+        place = se2.compose(middle, (x * pattern.cell, y * pattern.cell, 0.0))
         a, b = look_up(labels_a, pattern.cell, pose_a, place), look_up(labels_b, pattern.cell, pose_b, place)
         agreed = pattern.both_free if a < 0 else pattern.both_wall
         scores.append(0.0 if a == 0 or b == 0 else agreed if a == b else pattern.differ)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-
 
 class Paths:
     """All particles' paths; every vertex is named by (depth, particle that made it)."""
@@ -35,13 +32,6 @@ class Paths:
         """Number of different prefixes at each depth."""
         return [len(self.prefixes(depth)) for depth in range(len(self.paths[0]))]
 
-    def references(self):
-        """Children and particles that point to each prefix, sorted."""
-        counts = Counter(self.paths)
-        for depth in range(1, len(self.paths[0])):
-            counts += Counter([prefix[:-1] for prefix in self.prefixes(depth)])
-        return sorted(counts.values())
-
     def fixed_depth(self):
         """The deepest depth with one prefix."""
         return max(depth for depth, count in enumerate(self.levels()) if count == 1)
@@ -51,13 +41,3 @@ class Paths:
         places = [self.poses[prefix[-1]] for prefix in self.prefixes(depth)]
         bounds = [(min(axis), max(axis)) for axis in zip(*places, strict=True)]
         return [bounds[0][0], bounds[1][0], bounds[0][1], bounds[1][1]]
-
-
-def steps_to(nodes, node, depth):
-    """Steps that following the jump pointers takes; inf where they lead past the depth."""
-    steps = 0
-    while nodes.depth[node] > depth:
-        jump = nodes.jump[node]
-        node = jump if jump >= 0 and nodes.depth[jump] >= depth else nodes.parent[node]
-        steps += 1
-    return steps if nodes.depth[node] == depth else math.inf

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam.comparison import ComparisonParams, Observations, keep_nearest, pair_affinity, path_affinity
+from slam.comparison import (
+    ComparisonParams,
+    Observations,
+    keep_nearest,
+    pair_affinity,
+    path_affinity,
+    room_for_cells,
+)
 from tests.naive import affinity as naive_affinity
 from tests.naive import comparison as naive
 from tests.naive.walls import cast, rectangle
@@ -44,14 +51,14 @@ def observed(path, params):
 @settings(max_examples=200)
 @given(st.lists(st.floats(0.0, 10.0), max_size=30), st.integers(1, 6))
 def test_keeping_the_nearest_is_sorting(squares, n_kept):
-    near, where = np.full(n_kept, np.nan), np.full(n_kept, -1)
-    found = 0
+    near, where = np.full((2, n_kept), 8.0), np.full((2, n_kept), -1)
     for item, square in enumerate(squares):
-        found = keep_nearest(near, where, found, square, item)
-    expected = sorted(range(len(squares)), key=lambda item: squares[item])[:n_kept]  # of equals the first come first
-    assert found == len(expected)
-    assert where[:found].tolist() == expected
-    assert near[:found].tolist() == [squares[item] for item in expected]
+        keep_nearest(near, where, 1, square, item)
+    within = [item for item, square in enumerate(squares) if square < 8.0]
+    expected = sorted(within, key=lambda item: squares[item])[:n_kept]  # of equals the first come first
+    missing = n_kept - len(expected)
+    assert where.tolist() == [[-1] * n_kept, expected + [-1] * missing]
+    assert near.tolist() == [[8.0] * n_kept, [squares[item] for item in expected] + [8.0] * missing]
 
 
 @pytest.mark.parametrize("kind", ["points", "segments"])
@@ -73,7 +80,7 @@ def test_a_paths_affinity_agrees_with_comparing_everything(kind, seed):
 
     for first in (0, 17):
         expected = naive.path_affinity(believed, first, rule, score)
-        found = path_affinity(believed, first, observations.labels, observations.segments, rule)
+        found = path_affinity(believed, first, observations.seen, rule)
         assert found == pytest.approx(expected, abs=1e-9)
         assert abs(expected) > 1e-3
 
@@ -82,18 +89,18 @@ def test_a_paths_affinity_agrees_with_comparing_everything(kind, seed):
 def test_affinity_is_additive_over_vertices(seed):
     path = wandering(seed)
     _, observations = observed(path, params_of())
-    labels, segments, rule = observations.labels, observations.segments, observations.rule
-    whole = path_affinity(path, 0, labels, segments, rule)
+    seen, rule = observations.seen, observations.rule
+    whole = path_affinity(path, 0, seen, rule)
     for cut in (3, 11, 30):
-        parts = path_affinity(path[:cut], 0, labels, segments, rule) + path_affinity(path, cut, labels, segments, rule)
+        parts = path_affinity(path[:cut], 0, seen, rule) + path_affinity(path, cut, seen, rule)
         assert parts == pytest.approx(whole, abs=1e-9)
 
 
 def pair_of(observations, a, pose_a, b, pose_b):
     xa, ya, theta_a = pose_a
     xb, yb, theta_b = pose_b
-    return pair_affinity(observations.labels, observations.segments, observations.rule,
-                         a, xa, ya, theta_a, b, xb, yb, theta_b)  # fmt: skip
+    rule = observations.rule
+    return pair_affinity(observations.seen, rule, a, xa, ya, theta_a, b, xb, yb, theta_b, room_for_cells(rule))
 
 
 @pytest.mark.parametrize(("vertices", "is_compared"), [(4, False), (5, False), (6, True), (9, True)])
@@ -101,7 +108,7 @@ def test_vertices_too_near_on_the_path_are_not_compared(vertices, is_compared):
     """All vertices stand at one place; with a gap of 5 the sixth is the first to be compared with the first."""
     path = np.zeros((vertices, 3))
     _, observations = observed(path, params_of(gap=5, neighbours=8))
-    found = path_affinity(path, 0, observations.labels, observations.segments, observations.rule)
+    found = path_affinity(path, 0, observations.seen, observations.rule)
     pairs = sum(max(0, newest - 5 + 1) for newest in range(vertices))
     assert (found != 0.0) == is_compared
     assert found == pytest.approx(pairs * pair_of(observations, 0, (0.0, 0.0, 0.0), 1, (0.0, 0.0, 0.0)))
@@ -113,7 +120,7 @@ def test_vertices_too_far_apart_are_not_compared(distance, is_compared):
     path[1:5, 1] = 50.0
     path[5, 0] = distance
     _, observations = observed(np.zeros((6, 3)), params_of(gap=5, range=0.8))
-    found = path_affinity(path, 0, observations.labels, observations.segments, observations.rule)
+    found = path_affinity(path, 0, observations.seen, observations.rule)
     assert (found != 0.0) == is_compared
 
 
@@ -123,7 +130,7 @@ def test_only_the_nearest_few_count():
     path[7:11, 1] = 50.0
     _, observations = observed(np.zeros((12, 3)), params_of(neighbours=3))
     expected = sum(pair_of(observations, 11, path[11], other, path[other]) for other in (0, 1, 2))
-    found = path_affinity(path, 11, observations.labels, observations.segments, observations.rule)
+    found = path_affinity(path, 11, observations.seen, observations.rule)
     assert found == pytest.approx(expected)
 
 
@@ -133,7 +140,7 @@ def test_a_greater_gain_is_a_proportional_weight():
     for gain in (1.0, 4.0):
         affinity = params_of().affinity.model_copy(update={"gain": gain})
         _, observations = observed(path, params_of(affinity=affinity))
-        totals.append(path_affinity(path, 0, observations.labels, observations.segments, observations.rule))
+        totals.append(path_affinity(path, 0, observations.seen, observations.rule))
     assert totals[1] == pytest.approx(4.0 * totals[0])
     assert totals[0] > 0.0
 
@@ -160,4 +167,5 @@ def test_the_raster_holds_the_reach_and_the_walls_behind_it():
         observations = Observations(params_of(), reach)
         assert observations.size * 0.05 >= 2.0 * (reach + params_of().affinity.wall_thickness)
         sigma = params_of().affinity.spread * reach
-        assert math.isclose(observations.rule.pattern.points.std(), sigma, rel_tol=0.1)
+        pattern = observations.rule.pattern
+        assert math.isclose(np.std([pattern.x, pattern.y]) * pattern.cell, sigma, rel_tol=0.1)

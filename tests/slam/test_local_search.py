@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.comparison import pair_affinity, path_affinity
+from slam.comparison import pair_affinity, path_affinity, room_for_cells
 from slam.local_search import LocalSearch, LocalSearchParams
 from slam.pose import wrap
 from tests.naive import comparison as naive_comparison
@@ -66,7 +66,8 @@ def test_search_agrees_with_judging_the_whole_path_every_time(comparison, seed):
         def score(a, b):
             xa, ya, theta_a = path[a]
             xb, yb, theta_b = path[b]
-            return pair_affinity(seen.labels, seen.segments, seen.rule, a, xa, ya, theta_a, b, xb, yb, theta_b)
+            room = room_for_cells(seen.rule)
+            return pair_affinity(seen.seen, seen.rule, a, xa, ya, theta_a, b, xb, yb, theta_b, room)
 
         return naive_comparison.path_affinity(path, 0, seen.rule, score)
 
@@ -143,7 +144,7 @@ def test_the_estimate_has_the_filters_face():
     np.testing.assert_array_equal(estimate.profile, np.ones(n))
     assert (estimate.fixed_depth, estimate.n_particles, estimate.effective_particles) == (n - 1, 1, 1.0)
     seen = search.observations
-    again = path_affinity(estimate.path, 0, seen.labels, seen.segments, seen.rule)
+    again = path_affinity(estimate.path, 0, seen.seen, seen.rule)
     assert estimate.affinity == pytest.approx(again)
     estimate.path[:] = 0.0
     assert search.poses.any()  # the estimate is a copy

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from slam.counter_random import gaussian
-from slam.motion import ANGLE, DISTANCE, TURN_BIAS, draw_biases, moved_pose, propagate
+from slam.counter_random import gaussian, vertex_key
+from slam.motion import ANGLE, DISTANCE, TURN_BIAS, draw_biases, moved_pose, propagate, step_of
 from slam.pose import compose, wrap
 from tests.naive import motion as naive
 
@@ -21,8 +21,8 @@ def spread_out(motion, travelled, noise=NOISE, turn_bias=0.0, scale_bias=0.0, n=
     """Poses (n, 3) of n particles after one motion from one start, and their log densities (n,)."""
     poses, moved, plausibilities = np.tile(np.asarray(start, float), (n, 1)), np.empty((n, 3)), np.zeros(n)
     propagate(
-        poses, np.asarray(motion, float), travelled, np.asarray(noise, float), np.full(n, turn_bias),
-        np.full(n, scale_bias), seed, 7, moved, plausibilities,
+        poses, np.arange(n), step_of(np.asarray(motion, float), travelled, np.asarray(noise, float)),
+        np.uint64(vertex_key(seed, 7)), np.full(n, turn_bias), np.full(n, scale_bias), 0, n, moved, plausibilities,
     )  # fmt: skip
     return moved, plausibilities
 
@@ -73,7 +73,8 @@ def test_noise_grows_with_the_root_and_biases_with_the_distance():
     turn_biases, scale_biases = np.full(N, 0.02), np.zeros(N)
     for vertex in range(4):
         moved = np.empty((N, 3))
-        propagate(poses, motion, 0.5, noise, turn_biases, scale_biases, 2, vertex, moved, np.zeros(N))
+        step, key = step_of(motion, 0.5, noise), np.uint64(vertex_key(2, vertex))
+        propagate(poses, np.arange(N), step, key, turn_biases, scale_biases, 0, N, moved, np.zeros(N))
         poses = moved
     assert poses[:, 2].std() == pytest.approx(once[:, 2].std(), rel=0.02)
     assert poses[:, 2].mean() == pytest.approx(once[:, 2].mean(), abs=0.001)
@@ -86,7 +87,7 @@ def test_half_the_turn_acts_before_the_way_and_half_after(seed):
     pose, motion, travelled = rng.uniform(-4.0, 4.0, 3), rng.uniform(-1.0, 1.0, 3), rng.uniform(0.0, 2.0)
     angle_error, distance_error, turn_bias, scale_bias = rng.normal(size=4) * [1.0, 1.0, 0.1, 0.1]
     x, y, theta = moved_pose(
-        pose[0], pose[1], pose[2], motion, travelled, NOISE, angle_error, distance_error, turn_bias, scale_bias
+        pose[0], pose[1], pose[2], step_of(motion, travelled, NOISE), angle_error, distance_error, turn_bias, scale_bias
     )
     expected = naive.moved_pose(pose, motion, travelled, NOISE, angle_error, distance_error, turn_bias, scale_bias)
     assert (x, y) == pytest.approx(tuple(expected[:2]), abs=1e-12)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from slam.affinity import wall_direction
-from slam.comparison import pair_affinity
-from slam.path_filter import PathFilter, PathFilterParams, near_runs, weigh_direction
-from slam.path_tree import empty_nodes
+from slam.comparison import pair_affinity, room_for_cells
+from slam.particles import align, equal_particles, insert, is_near
+from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import compose, wrap
 from slam.walls import Walls
 from tests.naive import path_filter as naive
@@ -79,24 +79,25 @@ def test_filter_agrees_with_whole_paths_compared_with_everything(name):
         seen = found.observations
         xa, ya, theta_a = pose_a
         xb, yb, theta_b = pose_b
-        return pair_affinity(seen.labels, seen.segments, seen.rule, a, xa, ya, theta_a, b, xb, yb, theta_b)
+        room = room_for_cells(seen.rule)
+        return pair_affinity(seen.seen, seen.rule, a, xa, ya, theta_a, b, xb, yb, theta_b, room)
 
     twin = naive.PathFilter(params, 11, found.observations.rule, score, wall_direction)
     for k, pose in enumerate(drive.odometry):
         found.extend(pose, drive.walls[k], drive.travelled[k])
         twin.extend(pose, drive.walls[k], drive.travelled[k])
         assert found.resamplings == len(twin.resampled_at)
-        np.testing.assert_allclose(found.log_weights, [p.log_weight for p in twin.particles], atol=1e-4)
+        np.testing.assert_allclose(found.particles.log_weights, [p.log_weight for p in twin.particles], atol=1e-4)
     assert twin.resampled_at
     assert found.tree is not None
     for p, particle in enumerate(twin.particles):
         off = found.tree.path(p) - np.array(particle.path)
         np.testing.assert_allclose(off[:, :2], 0.0, atol=1e-4)
         np.testing.assert_allclose(wrap(off[:, 2]), 0.0, atol=1e-4)
-    np.testing.assert_allclose(found.affinities, [p.affinity for p in twin.particles], atol=1e-3)
-    np.testing.assert_allclose(found.plausibilities, [p.plausibility for p in twin.particles], atol=1e-9)
-    np.testing.assert_allclose(found.turn_biases, [p.turn_bias for p in twin.particles], atol=1e-12)
-    np.testing.assert_allclose(found.scale_biases, [p.scale_bias for p in twin.particles], atol=1e-12)
+    np.testing.assert_allclose(found.particles.affinities, [p.affinity for p in twin.particles], atol=1e-3)
+    np.testing.assert_allclose(found.particles.plausibilities, [p.plausibility for p in twin.particles], atol=1e-9)
+    np.testing.assert_allclose(found.particles.turn_biases, [p.turn_bias for p in twin.particles], atol=1e-12)
+    np.testing.assert_allclose(found.particles.scale_biases, [p.scale_bias for p in twin.particles], atol=1e-12)
 
 
 @pytest.mark.parametrize("particles", [59, 600])  # 2^H of 59 equal weights rounds to less than 59
@@ -109,7 +110,7 @@ def test_without_comparisons_weights_stay_equal_and_nothing_is_resampled(particl
         found.extend(pose, nothing_seen(), drive.travelled[k])
         assert found.effective == pytest.approx(particles)
     assert found.resamplings == 0
-    assert not found.log_weights.any()
+    assert not found.particles.log_weights.any()
     np.testing.assert_allclose(found.estimate().profile[1:], 1.0)
 
 
@@ -122,7 +123,9 @@ def test_resampling_happens_just_when_too_few_particles_are_effective(threshold)
         found.extend(pose, drive.walls[k], drive.travelled[k])
         was_resampled = found.resamplings > before
         assert was_resampled == (found.effective < threshold * 200)
-        assert was_resampled == (found.resamplings > 0 and not found.log_weights.any() and found.effective < 199.99)
+        assert was_resampled == (
+            found.resamplings > 0 and not found.particles.log_weights.any() and found.effective < 199.99
+        )
     assert (found.resamplings > 0) == (threshold > 0.0)
 
 
@@ -163,18 +166,20 @@ def test_wall_directions_keep_the_heading_without_any_loop():
 
 def test_a_round_building_leaves_directions_to_their_mixture():
     """Where walls have no common direction the prior costs at most the outliers' share per vertex."""
-    nodes = empty_nodes(8)
-    nodes.poses[:, 2] = np.linspace(-3.0, 3.0, 8)
-    sums, gained = np.zeros((8, 2)), np.zeros(8)
+    poses = np.zeros((8, 3), np.float32)
+    poses[:, 2] = np.linspace(-3.0, 3.0, 8)
+    particles = equal_particles(np.zeros(8), np.zeros(8))
     rng = np.random.default_rng(7)
     for _ in range(50):
         angle = rng.uniform(-math.pi, math.pi)
-        seen = np.array([math.cos(angle), math.sin(angle)])
-        weigh_direction(nodes, np.arange(8, dtype=np.int32), seen, 2.0, 0.98, 0.15, sums, gained)
+        before = particles.log_weights.copy()
+        align(poses, particles, (math.cos(angle), math.sin(angle)), 2.0, 0.98, 0.15, 0, 8)
+        gained = particles.log_weights - before
         assert np.all(gained <= math.log(0.85 + 0.15) + 1e-12)
         assert np.all(gained >= math.log(0.15 * math.exp(-2.0)))
-    weigh_direction(nodes, np.arange(8, dtype=np.int32), np.zeros(2), 2.0, 0.98, 0.15, sums, gained)
-    assert not gained.any()  # nothing seen, nothing said
+    before = particles.log_weights.copy()
+    align(poses, particles, (0.0, 0.0), 2.0, 0.98, 0.15, 0, 8)
+    np.testing.assert_array_equal(particles.log_weights, before)  # nothing seen, nothing said
 
 
 # Chance
@@ -182,7 +187,7 @@ def test_a_round_building_leaves_directions_to_their_mixture():
 
 def fingerprint(found):
     estimate = found.estimate()
-    return estimate.path.tobytes() + estimate.profile.tobytes() + found.log_weights.tobytes()
+    return estimate.path.tobytes() + estimate.profile.tobytes() + found.particles.log_weights.tobytes()
 
 
 def test_the_same_seed_is_the_same_path_and_another_seed_another():
@@ -206,9 +211,9 @@ def test_a_filter_fed_again_is_where_the_old_one_was():
 
 def weighted(found):
     """Mean (2,) and spread (2,) of the newest places under the weights."""
-    weights = np.exp(found.log_weights - found.log_weights.max())
+    weights = np.exp(found.particles.log_weights - found.particles.log_weights.max())
     weights /= weights.sum()
-    places = found.tree.nodes.poses[found.tree.leaves, :2].astype(float)
+    places = found.tree.newest(np.arange(found.n_particles))[:, :2]
     mean = weights @ places
     return mean, np.sqrt(weights @ (places - mean) ** 2)
 
@@ -217,11 +222,11 @@ def weighted(found):
 def test_another_number_of_particles_is_the_same_distribution(size):
     drive = laps(1.25, turn_bias=0.01, seed=9, **SMALL_LAPS)
     found = run(PathFilter(params_of(particles=2000, threshold=0.02), seed=4), drive)
-    assert found.log_weights.std() > 0.5
+    assert found.particles.log_weights.std() > 0.5
     (mean, spread), effective = weighted(found), found.effective
     found.resize(size)
     assert found.n_particles == size
-    assert (found.log_weights == found.log_weights[0]).all()
+    assert (found.particles.log_weights == found.particles.log_weights[0]).all()
     resized_mean, resized_spread = weighted(found)
     bound = 5.0 / math.sqrt(min(size, effective))
     np.testing.assert_allclose(resized_mean, mean, atol=bound * spread.max())
@@ -268,7 +273,7 @@ def test_degenerate_input_is_survived(name):
         assert np.all(np.isfinite(estimate.path))
         assert np.all(np.isfinite(estimate.particles))
         assert np.isfinite([estimate.affinity, estimate.plausibility, estimate.effective_particles]).all()
-        assert np.all(np.isfinite(found.log_weights))
+        assert np.all(np.isfinite(found.particles.log_weights))
 
 
 def test_one_particle_is_a_filter_too():
@@ -289,7 +294,7 @@ def test_the_estimate_is_the_best_particles():
     drive = laps(1.6, turn_bias=0.01, seed=3, **SMALL_LAPS)
     found = run(PathFilter(params_of(particles=100), seed=3), drive)
     estimate = found.estimate(max_particles=30)
-    best = found.affinities + found.plausibilities
+    best = found.particles.affinities + found.particles.plausibilities
     assert estimate.affinity + estimate.plausibility == pytest.approx(best.max())
     assert estimate.path.shape == (len(drive.truth), 3)
     assert estimate.particles.shape == (30, 3)
@@ -301,19 +306,30 @@ def test_the_estimate_is_the_best_particles():
     assert np.all(np.abs(steps - SPACING) < 0.2)
 
 
-# Boxes
+# Boxes and lists
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_runs_are_the_levels_whose_boxes_come_near(seed):
+def test_boxes_are_near_when_some_of_their_points_are(seed):
     rng = np.random.default_rng(seed)
-    corners = rng.uniform(-5.0, 5.0, (40, 2))
-    boxes = np.hstack([corners, corners + rng.uniform(0.0, 1.0, (40, 2))]).astype(np.float32)
-    last, margin = int(rng.integers(0, 39)), float(rng.uniform(0.0, 4.0))
-    runs = near_runs(boxes, boxes[39], last, margin)
-    levels = [level for start, end in runs for level in range(end, start - 1, -1)]
-    gap = np.maximum(np.maximum(boxes[:, :2] - boxes[39, 2:], boxes[39, :2] - boxes[:, 2:]), 0.0)
-    expected = [level for level in range(last, -1, -1) if math.hypot(*gap[level]) <= margin]
-    assert levels == expected
-    assert all(start <= end for start, end in runs)
-    assert all(runs[k, 0] > runs[k + 1, 1] + 1 for k in range(len(runs) - 1))
+    corners = rng.uniform(-5.0, 5.0, (2, 2))
+    box, other = (tuple(np.concatenate([corner, corner + rng.uniform(0.0, 3.0, 2)])) for corner in corners)
+    nearest = [max(box[axis] - other[axis + 2], other[axis] - box[axis + 2], 0.0) for axis in range(2)]
+    distance = math.hypot(*nearest)
+    assert is_near(box, other, distance + 1e-9)
+    assert distance == 0.0 or not is_near(box, other, distance - 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_nearest_levels_are_those_that_sorting_finds(seed):
+    rng = np.random.default_rng(seed)
+    n_kept, n, n_levels = int(rng.integers(1, 6)), 7, int(rng.integers(1, 12))
+    squares = rng.uniform(0.0, 2.0, (n_levels, n))
+    near, where = np.full((n_kept, 9), 1.0), np.full((n_kept, 9), -1)
+    for level in range(n_levels):
+        insert(near, where, squares[level], level << 32, np.arange(n, dtype=np.int32), n)
+    for k in range(n):
+        within = [level for level in np.argsort(squares[:, k]) if squares[level, k] < 1.0][:n_kept]
+        assert [item for item in where[:, k].tolist() if item >= 0] == [(level << 32) + k for level in within]
+        np.testing.assert_array_equal(near[: len(within), k], squares[within, k])
+    assert np.all(where[:, n:] == -1), "particles beyond the last are left alone"

@@ -9,12 +9,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam.path_filter import attach_all
-from slam.path_tree import PathTree, ancestor
+from slam.path_tree import STRIDE, PathTree, climb
 from slam.resampling import systematic
-from tests.naive.path_tree import Paths, steps_to
+from tests.naive.path_tree import Paths
 
 ROOT = np.array([1.0, -2.0, 0.5])
+
+
+def extend(tree, poses):
+    """A vertex at `poses` (n, 3) for every particle."""
+    start = tree.grow()
+    tree.nodes.poses[start : tree.n_nodes] = poses
+    tree.nodes.parents[start : tree.n_nodes] = tree.leaves
+    tree.settle()
+
+
+def live(tree, field):
+    """A field of all nodes, level by level."""
+    starts = tree.nodes.starts
+    return [getattr(tree.nodes, field)[starts[level] : starts[level + 1]] for level in range(tree.n_levels)]
 
 
 class Both:
@@ -27,13 +40,12 @@ class Both:
 
     def extend(self):
         poses = self.rng.normal(size=(self.tree.leaves.size, 3)).astype(np.float32)
-        fresh = self.tree.grow()
-        attach_all(self.tree.nodes, fresh, self.tree.leaves, poses)
-        self.tree.settle(fresh)
+        extend(self.tree, poses)
         self.twin.extend(poses)
 
     def resample(self, ancestors):
-        self.tree.resample(np.asarray(ancestors, np.int64))
+        ancestors = np.sort(ancestors)
+        self.tree.resample(ancestors)
         self.twin.resample(ancestors)
 
     def check(self):
@@ -43,32 +55,33 @@ class Both:
 
 
 def check_paths(tree, twin):
-    """Every particle's path, by parents and by ancestors."""
-    for particle, leaf in enumerate(tree.leaves):
-        path = np.array(twin.path(particle))
+    """Every particle's path, by parents and by jumps."""
+    paths = np.array([twin.path(particle) for particle in range(tree.leaves.size)])
+    for particle, path in enumerate(paths):
         np.testing.assert_allclose(tree.path(particle), path, atol=1e-6)
-        for depth in range(tree.n_levels):
-            np.testing.assert_allclose(tree.nodes.poses[ancestor(tree.nodes, leaf, depth)], path[depth], atol=1e-6)
+    np.testing.assert_allclose(tree.newest(np.arange(tree.leaves.size)), paths[:, -1], atol=1e-6)
+    for level, poses in enumerate(live(tree, "poses")):
+        rows = tree.leaves.copy()
+        climb(tree.nodes, rows, rows.size, tree.n_levels - 1, level)
+        np.testing.assert_allclose(poses[rows], paths[:, level], atol=1e-6)
 
 
 def check_counts(tree, twin):
-    """Profile, fixed depth, reference counts; free and live nodes are all nodes."""
+    """Profile, fixed depth, and no node too many; parents in order and none without a child."""
     levels = twin.levels()
     np.testing.assert_allclose(tree.profile(), np.array(levels) / len(twin.paths))
     assert tree.fixed_depth() == twin.fixed_depth()
-    references = tree.nodes.references
-    live = np.flatnonzero(references > 0)
-    assert live.size == sum(levels)
-    assert sorted(references[live].tolist()) == twin.references()
-    free = tree.free[: tree.n_free]
-    assert sorted(np.concatenate([live, free]).tolist()) == list(range(references.size))
-    assert not references[free].any()
+    assert [len(poses) for poses in live(tree, "poses")] == levels
+    assert tree.n_nodes == sum(levels)
+    for above, parents in zip(levels, [*live(tree, "parents")[1:], tree.leaves], strict=True):
+        assert np.unique(parents).tolist() == list(range(above))
+        assert np.all(np.diff(parents) >= 0)
 
 
 def check_boxes(tree, twin):
     """Each level's box is the smallest that holds its nodes, or since the last resampling was."""
     for depth in range(tree.n_levels):
-        np.testing.assert_allclose(tree.boxes[depth], twin.box(depth), atol=1e-6)
+        np.testing.assert_allclose(tree.nodes.boxes[depth], twin.box(depth), atol=1e-6)
 
 
 OPERATIONS = st.lists(
@@ -131,17 +144,17 @@ def test_one_survivor_fixes_the_path_and_frees_the_rest():
         both.extend()
     both.resample([4] * 30)
     assert both.tree.fixed_depth() == 10
-    assert both.tree.nodes.references.size - both.tree.n_free == 11
+    assert both.tree.n_nodes == 11
     both.check()
 
 
 def test_levels_without_survivors_of_a_wide_box_shrink_it():
     both = Both(50)
     both.extend()
-    wide = both.tree.boxes[1].copy()
-    inner = int(np.argmin(np.abs(both.tree.nodes.poses[both.tree.leaves]).max(axis=1)))
+    wide = both.tree.nodes.boxes[1].copy()
+    inner = int(np.argmin(np.abs(live(both.tree, "poses")[1]).max(axis=1)))
     both.resample([inner] * 50)
-    tight = both.tree.boxes[1]
+    tight = both.tree.nodes.boxes[1]
     np.testing.assert_array_equal(tight[:2], tight[2:])
     assert np.all(tight[:2] >= wide[:2])
     assert np.all(tight[2:] <= wide[2:])
@@ -160,37 +173,41 @@ def test_the_number_of_particles_can_change(sizes):
 
 
 def test_growing_keeps_everything():
-    """Far more nodes than the first capacity holds, and more levels than the first boxes."""
+    """Far more nodes and levels than there is room for at first."""
     both = Both(6)
-    capacity = both.tree.nodes.parent.size
+    rows, levels = both.tree.nodes.parents.size, len(both.tree.nodes.boxes)
     for _ in range(150):
         both.extend()
-    assert both.tree.nodes.parent.size > 3 * capacity
-    assert both.tree.boxes.shape[0] >= 151
+    assert both.tree.nodes.parents.size > rows
+    assert len(both.tree.nodes.boxes) >= 151 > levels
     both.check()
 
 
 def test_resampling_for_ever_needs_no_more_nodes():
-    """Freed nodes are used again: T + (1 to 3) N ln N nodes, whatever the number of resamplings."""
+    """T + (1 to 3) N ln N nodes, whatever the number of resamplings."""
     n, steps = 50, 400
     tree, rng = PathTree(n, ROOT), np.random.default_rng(1)
     for _ in range(steps):
-        fresh = tree.grow()
-        attach_all(tree.nodes, fresh, tree.leaves, rng.normal(size=(n, 3)))
-        tree.settle(fresh)
+        extend(tree, rng.normal(size=(n, 3)))
         weights = rng.exponential(size=n)
         tree.resample(systematic(weights / weights.sum(), rng.random()))
-    live = tree.nodes.references.size - tree.n_free
-    assert steps < live < steps + 3.0 * n * math.log(n)
-    assert tree.nodes.references.size < 4 * live
+    assert steps < tree.n_nodes < steps + 3.0 * n * math.log(n)
 
 
-def test_an_ancestor_is_found_in_a_logarithmic_number_of_steps():
-    tree = PathTree(1, ROOT)
-    depth = 3000
-    for _ in range(depth):
-        fresh = tree.grow()
-        attach_all(tree.nodes, fresh, tree.leaves, np.zeros((1, 3)))
-        tree.settle(fresh)
-    steps = [steps_to(tree.nodes, int(tree.leaves[0]), goal) for goal in range(0, depth + 1, 7)]
-    assert max(steps) <= 3 * math.log2(depth)
+def test_jumps_stay_true_when_what_they_lead_to_is_packed():
+    """Resampling that reaches far below the newest jumps, just before, at and after a level that has some."""
+    for extra in (-1, 0, 1):
+        both = Both(12, extra + 1)
+        for step in range(4 * STRIDE + extra):
+            both.extend()
+            if step % 7 == 3:
+                both.resample(both.rng.integers(0, 12, 12))
+        both.resample(np.repeat([3, 4], 6))
+        both.check()
+
+
+def test_descending_ancestors_are_refused():
+    both = Both(3)
+    both.extend()
+    with pytest.raises(ValueError, match="must not descend"):
+        both.tree.resample(np.array([1, 0, 2]))

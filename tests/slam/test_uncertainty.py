@@ -32,7 +32,7 @@ def grown(n_particles, n_vertices, seed):
 def test_spreads_are_those_of_all_paths(n_particles, n_vertices, seed):
     both, weights = grown(n_particles, n_vertices, seed)
     paths = np.array([both.twin.path(particle) for particle in range(n_particles)])
-    world, revisit = spreads(both.tree.nodes, both.tree.leaves, weights)
+    world, revisit = spreads(both.tree.nodes, both.tree.n_levels, both.tree.leaves, weights)
     expected_world, expected_revisit = naive.spreads(paths, weights)
     np.testing.assert_allclose(world, expected_world, atol=1e-5)
     np.testing.assert_allclose(revisit, expected_revisit, atol=1e-5)
@@ -69,7 +69,7 @@ def test_what_all_particles_share_has_no_spread():
     for _ in range(3):
         both.extend()
     both.resample([5] * 8)
-    world, revisit = spreads(both.tree.nodes, both.tree.leaves, np.full(8, 0.125))
+    world, revisit = spreads(both.tree.nodes, both.tree.n_levels, both.tree.leaves, np.full(8, 0.125))
     np.testing.assert_allclose(world, 0.0, atol=1e-6)
     np.testing.assert_allclose(revisit, 0.0, atol=1e-6)
 
