@@ -180,7 +180,7 @@ def count_labels(labels, size, starts, middle_a, middle_b, turn, pattern, first,
 
 @njit(cache=True, inline="always")
 def points_score(counts, pattern):
-    """Summed score of points: of `known` ones `agree` more agree than differ, and `kind` / 2 more are wall than free."""
+    """Summed score of points: of `known` ones `agree` more agree than differ, `kind` / 2 more are wall than free."""
     agree, known, kind = counts
     n_agree = 0.5 * (known + agree)
     n_wall = 0.5 * (n_agree + 0.5 * kind)
