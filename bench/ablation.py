@@ -13,8 +13,8 @@ from typing import Any
 from bench.benchmark import Bench, Column, Crew, Record, Row, middle, share, tails
 from bench.recordings import cycle, data_folder, read, semireal
 from bench.scores import params_of
-from server.config import THESIS
 from server.formats.logs import Log
+from server.presets import THESIS
 from server.replay import Drive, fold, warm_up
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
 from slam.evaluate import absolute_error, revisits

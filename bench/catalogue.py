@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from bench import ablation, calibration, cycle, dashboard, floor, real, scale, sonar8, speed
+from bench import ablation, calibration, crazyflie, cycle, dashboard, floor, real, scale, sonar8, speed, worlds
 from bench.benchmark import Bench
 
 CATALOGUE: tuple[Bench, ...] = (
     cycle.BENCH,
     real.BENCH,
     floor.BENCH,
+    worlds.BENCH,
+    crazyflie.BENCH,
     sonar8.BENCH,
     ablation.BENCH,
     calibration.BENCH,

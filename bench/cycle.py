@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from bench.benchmark import Bench, Record, each
 from bench.recordings import cycle, read
-from bench.scores import COLUMNS, against, beside_thesis
+from bench.scores import COLUMNS, against, beside_thesis, oracle_of
 
 
 class Cycle(NamedTuple):
@@ -31,7 +31,7 @@ CASES = {
 def run(case: Cycle, seed: int) -> Record:
     """One seed of a kind of drive."""
     log, times, truth = read(cycle(seed, *case))
-    return beside_thesis(log, against(times, truth), seed)
+    return beside_thesis(log, against(times, truth), seed, oracle=oracle_of(times, truth, seed))
 
 
 BENCH = Bench(

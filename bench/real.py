@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.benchmark import Bench, Column, Record, Row, each, middle, tails
 from bench.recordings import data_folder, read, semireal
-from bench.scores import COLUMNS, against, beside_thesis, of_each, record_of
+from bench.scores import COLUMNS, against, beside_thesis, of_each, oracle_of, record_of
 from server.formats.logs import read_log
 from server.formats.relations import read_relations
 from server.formats.tum import read_tum
@@ -30,7 +30,7 @@ def run(name: str, seed: int) -> Record:
     if name == FIVE:
         return five_directions(seed)
     log, times, truth = read(semireal(name, seed))
-    return beside_thesis(log, against(times, truth), seed, PARTICLES)
+    return beside_thesis(log, against(times, truth), seed, PARTICLES, oracle_of(times, truth, seed))
 
 
 def five_directions(seed: int) -> Record:
@@ -52,7 +52,9 @@ def five_directions(seed: int) -> Record:
             record[f"{prefix}relations_deg"] = float(np.degrees(errors.rotation.mean))
         return record
 
-    return beside_thesis(read_log(data / "intel" / "intel-dense.log"), scored, seed, PARTICLES)
+    return beside_thesis(
+        read_log(data / "intel" / "intel-dense.log"), scored, seed, PARTICLES, oracle_of(times, truth, seed)
+    )
 
 
 def notes(rows: list[Row]) -> Iterator[str]:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.benchmark import Column, Record, failed, middle, runs, share, tails
+from bench.oracle import oracle_path
 from server import config
 from server.formats.logs import Log
-from server.map_picture import draw_png
-from server.maps import floor_map
 from server.replay import Result, run_log
 from server.robots.crunch import CrunchParams
 from slam.evaluate import absolute_error, revisits
-from slam.timeline import associate
+from slam.timeline import associate, interpolate
+from slam.trajectory import correct
 
 PARTICLES = 2000  # the thesis's number
 
@@ -27,6 +26,8 @@ COLUMNS = (
     Column("odometry", share("odometry_closed")),
     Column("ATE median / p90 / worst (m)", tails("ate")),
     Column("thesis's", tails("thesis_ate")),
+    Column("oracle's", tails("oracle_ate")),
+    Column("of the oracle's, by seed", middle("of_oracle")),
     Column("odometry's", tails("odometry_ate")),
     Column("revisit error (m)", middle("revisit_error")),
     Column("x real time", middle("speed", 0)),
@@ -42,21 +43,32 @@ def params_of(preset: str = "default", filter: Mapping[str, Any] | None = None, 
     return config.load({"preset": preset, "crunch": crunch}).crunch
 
 
-def beside_thesis(log: Log, scored: Scored, seed: int, particles: int = PARTICLES) -> Record:
-    """The default's record on a log, with the literal thesis's under `thesis_...`; both on one thread."""
-    ours, thesis = (
-        scored(run_log(log, params_of(preset, {"particles": particles}), seed)) for preset in ("default", "thesis")
-    )
-    return {"seed": seed, **ours, **{f"thesis_{name}": thesis[name] for name in ("ate", "closed", "speed")}}
+def beside_thesis(
+    log: Log, scored: Scored, seed: int, particles: int = PARTICLES, oracle: Scored = lambda result: {}
+) -> Record:
+    """The default's record on a log, with the literal thesis's under `thesis_...`; both on one thread.
+
+    `oracle` adds what a perfect loop closer makes of the default's drive.
+    """
+    ours, thesis = (run_log(log, params_of(preset, {"particles": particles}), seed) for preset in ("default", "thesis"))
+    record = {"seed": seed, **scored(ours), **oracle(ours)}
+    theirs = {f"thesis_{name}": value for name, value in scored(thesis).items() if not name.startswith("odometry")}
+    if "oracle_ate" in record:
+        record["of_oracle"] = record["ate"] / record["oracle_ate"]
+    return record | theirs
 
 
-def against(times: np.ndarray, truth: np.ndarray) -> Scored:
-    """Scores a run by the true poses (n, 3) at `times` (n,)."""
+def oracle_of(times: np.ndarray, truth: np.ndarray, seed: int) -> Scored:
+    """The ATE (m) of odometry that was told all true loops, by the true poses (n, 3) at `times` (n,)."""
 
     def scored(result: Result) -> Record:
-        matches = associate(result.drive.times, times)
-        mapped, odometry = result.trajectory[matches.rows], result.drive.odometry[matches.rows]
-        return record_of(result, mapped, odometry, truth[matches.reference_rows])
+        drive = result.drive
+        at_vertices, is_known = interpolate(times, truth, drive.times[drive.rows])
+        at_vertices[~is_known] = np.nan
+        path = oracle_path(drive.odometry[drive.rows], at_vertices, params_of().filter.motion, seed)
+        matches = associate(drive.times, times)
+        told = correct(drive.odometry, drive.rows, path)[matches.rows]
+        return {"oracle_ate": absolute_error(told, truth[matches.reference_rows]).translation.rmse}
 
     return scored
 
@@ -73,15 +85,24 @@ def record_of(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth: n
         "revisit_error": again.errors.translation.median,
         "odometry_ate": absolute_error(odometry, truth).translation.rmse,
         "odometry_closed": revisits(odometry, truth).is_closed,
-        "speed": float(np.ptp(result.drive.times)) / result.seconds["total"],
+        "speed": speed_of(result),
     }
 
 
-def draw(result: Result, path: Path, *headline: str) -> None:
-    """The map as a picture."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    floor = floor_map(result.path, result.drive.walls, int(result.estimate.fixed_depth))
-    path.write_bytes(draw_png(floor, *headline))
+def speed_of(result: Result) -> float:
+    """How many times real time a run was."""
+    return float(np.ptp(result.drive.times)) / result.seconds["total"]
+
+
+def against(times: np.ndarray, truth: np.ndarray, record: Callable[..., Record] = record_of) -> Scored:
+    """Scores a run by the true poses (n, 3) at `times` (n,)."""
+
+    def scored(result: Result) -> Record:
+        matches = associate(result.drive.times, times)
+        mapped, odometry = result.trajectory[matches.rows], result.drive.odometry[matches.rows]
+        return record(result, mapped, odometry, truth[matches.reference_rows])
+
+    return scored
 
 
 def of_each(rows: Sequence[Any], key: str, digits: int = 2) -> list[str]:

@@ -1,7 +1,5 @@
 """Buildings in which an estimator might lose itself: slanted, round and mixed walls, corridors side by side.
 
-    python -m bench.worlds [--seeds 50] [--worlds slanted round ...] [--drift medium high] [--particles 2000]
-
 *Lost*: the loop was not closed and the ATE is worse than half of odometry's. *Captured*: a heading errs by more than 45
 degrees somewhere. *Merged*: where the map has the robot come back to a place, it was truly somewhere else (by more than
 0.8 m) in over 2 % of the cases. Every seed is another building, drive, noise and filter.
@@ -9,27 +7,21 @@ degrees somewhere. *Merged*: where the map has the robot come back to a place, i
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
+from bench.benchmark import Bench, Column, Record, each, failed, middle, runs, share, tails
 from bench.recordings import made, read
-from bench.scores import keep
+from bench.scores import against, beside_thesis, record_of
 from firmware.virtual import VirtualCrunch
 from firmware.virtual.buildings import Site, round_corridor, slanted_wings
 from firmware.virtual.lanes import parallel_corridors
 from firmware.virtual.museum import museum
-from server import config
-from server.replay import run_log
-from slam.evaluate import absolute_error, alignment, revisit_pairs, revisits
+from server.replay import Result
+from slam.evaluate import alignment, revisit_pairs
 from slam.pose import between, compose
-from slam.timeline import associate
 
 WORLDS: dict[str, Callable[[int], Site]] = {
     "slanted": slanted_wings,
@@ -40,37 +32,6 @@ WORLDS: dict[str, Callable[[int], Site]] = {
 MEETING = 0.4  # m between two poses that the map holds for one place
 ELSEWHERE = 0.8  # m by which such a place is truly another one
 LEFT = 5.0  # m of path after which a place was left
-HEADER = (
-    "| world | seeds | closed | by odometry | lost | captured | merged | ATE median / p90 / worst (m) "
-    "| odometry's | lost seeds |\n|---|---|---|---|---|---|---|---|---|---|"
-)
-
-
-class WorldScore(NamedTuple):
-    """One run: errors (m) of map and odometry, loops closed by either, worst heading error (rad), wrong meetings."""
-
-    seed: int
-    ate: float
-    odometry_ate: float
-    closed: bool
-    odometry_closed: bool
-    heading: float
-    merged: float  # share of the map's meetings
-
-    @property
-    def is_lost(self) -> bool:
-        """No loop closed, and hardly better than odometry."""
-        return not self.closed and self.ate > 0.5 * self.odometry_ate
-
-    @property
-    def is_captured(self) -> bool:
-        """Somewhere the heading belongs to another wall."""
-        return self.heading > np.pi / 4.0
-
-    @property
-    def is_merged(self) -> bool:
-        """Two places have become one."""
-        return self.merged > 0.02
 
 
 def recording(name: str, seed: int, drift: str) -> Path:
@@ -90,70 +51,49 @@ def wrong_meetings(poses: np.ndarray, truth: np.ndarray) -> float:
     return float(np.mean(apart > ELSEWHERE)) if len(apart) else 0.0
 
 
-def world_score(mapped: np.ndarray, odometry: np.ndarray, truth: np.ndarray, seed: int) -> WorldScore:
-    """The score of poses (n, 3) that belong row by row to the true ones."""
+def world_record(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth: np.ndarray) -> Record:
+    """The record of poses (n, 3) that belong row by row to the true ones, and how they went wrong if they did."""
+    record = record_of(result, mapped, odometry, truth)
     aligned = compose(alignment(mapped[:, :2], truth[:, :2]), mapped)
-    return WorldScore(
-        seed,
-        absolute_error(mapped, truth).translation.rmse,
-        absolute_error(odometry, truth).translation.rmse,
-        revisits(mapped, truth).is_closed,
-        revisits(odometry, truth).is_closed,
-        float(np.max(np.abs(between(truth, aligned)[:, 2]))),
-        wrong_meetings(mapped, truth),
-    )
+    is_lost = not record["closed"] and record["ate"] > 0.5 * record["odometry_ate"]
+    heading, merged = float(np.max(np.abs(between(truth, aligned)[:, 2]))), wrong_meetings(mapped, truth)
+    return {
+        **record,
+        "heading": heading,
+        "wrong_meetings": merged,
+        "found": not is_lost,
+        "lost": is_lost,
+        "captured": bool(heading > np.pi / 4.0),
+        "merged": merged > 0.02,
+    }
 
 
-def run(job: tuple[str, int, str, str, int]) -> WorldScore:
-    """One seed of a world at one drift with one preset and so many particles."""
-    name, seed, drift, preset, particles = job
-    params = config.load({"preset": preset, "crunch": {"filter": {"particles": particles}}}).crunch
-    log, times, truth = read(recording(name, seed, drift))
-    result = run_log(log, params, seed)
-    matches = associate(result.drive.times, times)
-    mapped, odometry = result.trajectory[matches.rows], result.drive.odometry[matches.rows]
-    return world_score(mapped, odometry, truth[matches.reference_rows], seed)
+def run(case: tuple[str, str], seed: int) -> Record:
+    """One seed of a world at one drift."""
+    log, times, truth = read(recording(case[0], seed, case[1]))
+    return beside_thesis(log, against(times, truth, world_record), seed)
 
 
-def line(name: str, scores: Sequence[WorldScore]) -> str:
-    """A row of the table."""
-    column = {field: np.array([getattr(s, field) for s in scores], float) for field in WorldScore._fields}
-    lost = [s.seed for s in scores if s.is_lost]
-    n_captured, n_merged = sum(s.is_captured for s in scores), sum(s.is_merged for s in scores)
-    ate, odometry = column["ate"], column["odometry_ate"]
-    return (
-        f"| {name} | {len(scores)} | {100.0 * column['closed'].mean():.0f} % "
-        f"| {100.0 * column['odometry_closed'].mean():.0f} % | {len(lost)} | {n_captured} | {n_merged} "
-        f"| {np.median(ate):.2f} / {np.quantile(ate, 0.9):.2f} / {ate.max():.2f} "
-        f"| {np.median(odometry):.2f} / {np.quantile(odometry, 0.9):.2f} / {odometry.max():.2f} "
-        f"| {lost or 'none'} |"
-    )
-
-
-def main() -> None:
-    """Run and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--worlds", nargs="+", default=list(WORLDS), choices=list(WORLDS))
-    parser.add_argument("--drift", nargs="+", default=["medium", "high"])
-    parser.add_argument("--preset", nargs="+", default=["default", "thesis"])
-    parser.add_argument("--particles", type=int, default=2000)
-    parser.add_argument("--processes", type=int, default=2)
-    wanted = parser.parse_args()
-    print(HEADER)
-    rows = {}
-    with ProcessPoolExecutor(wanted.processes) as pool:
-        for world in wanted.worlds:
-            for drift in wanted.drift:
-                for preset in wanted.preset:
-                    jobs = [(world, seed, drift, preset, wanted.particles) for seed in range(wanted.seeds)]
-                    name = f"{world}, {drift}, {preset}"
-                    made_of = pool.map(run, jobs)
-                    scores = list(track(made_of, name, len(jobs), console=Console(stderr=True), transient=True))
-                    rows[name] = [s._asdict() for s in scores]
-                    print(line(name, scores), flush=True)
-    print(keep("worlds", rows))
-
-
-if __name__ == "__main__":
-    main()
+BENCH = Bench(
+    name="worlds",
+    about="slanted, round and mixed walls, corridors side by side, 2,000 particles: who gets lost",
+    rows=each(run, {f"{world}, {drift}": (world, drift) for world in WORLDS for drift in ("medium", "high")}),
+    columns=(
+        Column("runs", runs),
+        Column("closed (95 %)", share("closed")),
+        Column("thesis closes", share("thesis_closed")),
+        Column("odometry", share("odometry_closed")),
+        Column("lost", share("lost")),
+        Column("captured", share("captured")),
+        Column("merged", share("merged")),
+        Column("thesis lost", share("thesis_lost")),
+        Column("ATE median / p90 / worst (m)", tails("ate")),
+        Column("thesis's", tails("thesis_ate")),
+        Column("odometry's", tails("odometry_ate")),
+        Column("x real time", middle("speed", 0)),
+        Column("lost seeds", failed("found")),
+    ),
+    seeds=50,
+    minutes=60,
+    heading="world, drift",
+)
