@@ -146,6 +146,7 @@ class Player:
             return
         self.sought, self.t = None, t
         self.viewer.waiting.clear()
+        self.told = b""  # it may have waited too
         topics = {kind_of(topic) for topic, _ in frames}
         if self.shown - topics:  # nothing replaces what there was not yet
             self.viewer.put("notice", encode("notice", {"kind": "begin"}))

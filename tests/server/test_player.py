@@ -124,7 +124,7 @@ def test_playing_shows_everything_in_order_and_stops_at_the_end(tmp_path):
     cache_of(tmp_path / "c").close()
 
     async def story(player: Player, screen: Screen) -> None:
-        say(player, type="speed", factor=20.0)
+        say(player, type="speed", factor=5.0)
         say(player, type="play")
         await until(lambda: screen.seen.get("replay", {}).get("t") == DURATION)
         poses = [header["t"] for topic, header in screen.log if topic == "pose"]
@@ -133,6 +133,7 @@ def test_playing_shows_everything_in_order_and_stops_at_the_end(tmp_path):
         assert at(screen) == (DURATION, 60)
         assert {"tile/0", "tile/1"} <= set(screen.seen)
         await until(lambda: not screen.seen["replay"]["playing"])
+        say(player, type="speed", factor=0.1)  # so that no look misses it
         say(player, type="play")
         await until(lambda: 0.0 < screen.seen["replay"]["t"] < DURATION)
 
@@ -155,6 +156,27 @@ def test_pause_bites_at_once(tmp_path):
         assert at(screen) == shown
 
     play(tmp_path / "c", story)
+
+
+def test_a_seek_takes_back_nothing_that_is_only_said_once(tmp_path):
+    """On a full line the word about the replay waits, and a seek clears what waits."""
+    cache_of(tmp_path / "c").close()
+
+    async def story() -> None:
+        viewer = Viewer("replay-1", Screen().never)
+        player = Player("drive", tmp_path / "c", Finished(), viewer)
+        player.is_playing = False
+        say(player, type="seek", t=3.0)
+        player.progress = player.reader.progress()
+        player.tell()
+        assert decode(b"\0\0\0\0" + viewer.waiting["replay"])[1]["t"] == 3.0
+        await player.step(0.0)
+        player.tell()
+        assert decode(b"\0\0\0\0" + viewer.waiting["replay"])[1]["t"] == 3.0
+        assert "pose" in viewer.waiting
+        player.reader.close()
+
+    asyncio.run(story())
 
 
 def test_a_time_that_is_not_rendered_yet_is_shown_as_soon_as_it_is(tmp_path):
