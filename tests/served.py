@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-PATIENCE = 120.0  # s; a first start compiles
+PATIENCE = 300.0  # s; a first start compiles, and a busy machine takes its time
 
 
 class Served(NamedTuple):
@@ -24,7 +24,7 @@ class Served(NamedTuple):
 
     def status(self) -> dict[str, Any]:
         """GET /api/v1/status."""
-        with urllib.request.urlopen(self.address + "api/v1/status", timeout=10) as answer:
+        with urllib.request.urlopen(self.address + "api/v1/status", timeout=PATIENCE) as answer:
             return json.load(answer)
 
     def recording(self) -> Path:
@@ -51,7 +51,7 @@ def demo(folder: Path, *flags: str) -> Iterator[Served]:
             if was_running:
                 run.send_signal(signal.SIGINT)
             try:
-                run.wait(30)
+                run.wait(PATIENCE)
             except subprocess.TimeoutExpired:
                 run.kill()
                 raise

@@ -71,10 +71,11 @@ export class PlaceNames {
     this.input.focus();
   }
 
-  async add(text, [x, y]) {
+  async add(text, place) {
+    const [x, y] = place;
     try {
       await ask("labels", { method: "POST", body: { text: text.trim(), x, y } });
-      this.close();
+      if (this.map.candidate === place) this.close(); // another place may have been clicked meanwhile
     } catch (error) {
       toast(sentence(error.message), { level: "bad" });
     }

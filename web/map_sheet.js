@@ -238,10 +238,11 @@ export class MapSheet {
     }
     this.shares.textContent = "comparing …";
     const address = `maps/${id}/compare/${other}`;
-    const query = `?align=${this.isAligned.checked}`;
+    const isAligned = this.isAligned.checked;
+    const query = `?align=${isAligned}`;
     await this.attempt(async () => {
       const [found, content] = await Promise.all([ask(address + query), ask(`maps/${other}/map.json`)]);
-      if (this.map.id !== id || this.other.value !== other) return;
+      if (this.map.id !== id || this.other.value !== other || this.isAligned.checked !== isAligned) return;
       this.plan.overlay(content, [found.x, found.y, found.theta]);
       this.shares.textContent = sharesText(found);
       this.picture.href = `/api/v1/${address}.png${query}`;

@@ -12,6 +12,7 @@ export class MapsPane {
   /** In a replay (`isLive` false) there is no present map to be saved. */
   constructor(box, isLive = true) {
     this.maps = [];
+    this.asked = 0; // times that the server was asked; only the newest answer counts
     this.opener = null; // number of the map whose card is to be focused again
     this.name = element("input", { type: "text", maxLength: 120, "aria-label": "Name for the map", placeholder: "Name, if you like" });
     this.form = element("form", { class: "row", hidden: !isLive }, this.name, element("button", { type: "submit", class: "primary" }, icon("save"), "Save the present map"));
@@ -44,11 +45,14 @@ export class MapsPane {
   }
 
   async load() {
+    const turn = ++this.asked;
     if (!this.cards.childElementCount) this.say("loading …");
     try {
-      this.maps = await ask(`maps?deleted=${this.showsDeleted}`);
+      const maps = await ask(`maps?deleted=${this.showsDeleted}`);
+      if (turn !== this.asked) return;
+      this.maps = maps;
     } catch (error) {
-      this.say(error.message, element("button", { type: "button", onclick: () => this.load() }, "Try again"));
+      if (turn === this.asked) this.say(error.message, element("button", { type: "button", onclick: () => this.load() }, "Try again"));
       return;
     }
     this.cards.replaceChildren(...this.maps.map((map) => this.card(map)));

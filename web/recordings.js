@@ -16,6 +16,7 @@ export class Recordings {
     this.list = element("section", { class: "recordings", "aria-label": "Recordings" });
     this.facts = element("p", { class: "note" });
     this.shown = {}; // what was made of what
+    this.asked = 0; // times that the server was asked; only the newest answer counts
     this.timer = 0;
     pane.append(this.session, element("h2", {}, "Recordings"), this.list);
     pane.addEventListener("show", () => this.start());
@@ -31,12 +32,15 @@ export class Recordings {
 
   /** Ask the server; what somebody is typing is left alone. */
   async refresh() {
+    const turn = ++this.asked;
     try {
       const [session, recordings] = await Promise.all([ask("sessions/current"), ask("recordings")]);
+      if (turn !== this.asked) return;
       this.facts.textContent = factsOf(session);
       this.renew("session", [session.number, session.name, session.running], () => this.showSession(session));
       this.renew("list", recordings.map((one) => ({ ...one, ...(one.running && { size: 0, duration_s: 0 }) })), () => this.showList(recordings));
     } catch (error) {
+      if (turn !== this.asked) return;
       this.shown = {};
       const again = element("button", { type: "button", onclick: () => this.refresh() }, "Try again");
       this.list.replaceChildren(element("p", { class: "empty" }, `The recordings cannot be listed: ${error.message}. `, again));

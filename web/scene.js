@@ -3,6 +3,7 @@
 
 import { element } from "./elements.js";
 
+const LISTEN = 100; // ms between two looks at whether the frame has another window by now
 const ADDRESS = "/viser/?hideViserLogo";
 
 export class Scene {
@@ -14,6 +15,7 @@ export class Scene {
     this.stage = sheet.querySelector(".stage");
     this.home = card.parentElement;
     this.opener = null;
+    this.press = this.press.bind(this);
     sheet.querySelector("#scene-close").onclick = () => this.close();
     sheet.addEventListener("keydown", (event) => event.code === "Escape" && !this.card.contains(event.target) && this.close());
   }
@@ -23,10 +25,17 @@ export class Scene {
     this.opener = document.activeElement;
     document.querySelector("main").inert = true;
     const frame = element("iframe", { src: ADDRESS, title: "View in three dimensions" });
-    frame.onload = () => frame.contentWindow.addEventListener("keydown", (event) => this.press(event), { capture: true });
     this.stage.append(frame, this.card);
+    this.listen(frame);
     this.sheet.show();
     this.sheet.querySelector("#scene-close").focus();
+  }
+
+  /** Hear the keys of the frame, also while it still loads; on the way its window becomes another. */
+  listen(frame) {
+    if (!frame.isConnected) return;
+    frame.contentWindow.addEventListener("keydown", this.press, { capture: true });
+    setTimeout(() => this.listen(frame), LISTEN);
   }
 
   close() {

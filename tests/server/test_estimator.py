@@ -17,9 +17,10 @@ from server.estimator import EstimatorParams, InlineEstimator, ParticleBudget, W
 from server.messages import Estimate, Keyframe
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.walls import Walls
+from tests.served import wait_until
 
 N_RAYS = 120
-QUICK = EstimatorParams(patience=1.0, startup=60.0, bound=100)
+QUICK = EstimatorParams(patience=5.0, bound=100)  # a worker that only waits for a busy machine is not hung
 FACTORY = functools.partial(PathFilter, PathFilterParams(particles=200), 3)
 
 
@@ -60,7 +61,7 @@ def inline_estimates(frames: list[Keyframe]) -> list[Estimate]:
     return found
 
 
-async def until(condition, seconds: float = 60.0) -> None:
+async def until(condition, seconds: float = 120.0) -> None:
     """Wait for something that happens in its own time."""
     async with asyncio.timeout(seconds):
         while not condition():
@@ -259,11 +260,9 @@ def test_a_worker_leaves_when_its_parent_is_gone():
         "    print(worker.process.pid, flush=True)\n"
         "    os.kill(os.getpid(), 9)\n"
     )
-    parent = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    worker, end = int(parent.stdout), time.monotonic() + 10.0
-    while is_alive(worker):
-        assert time.monotonic() < end, "the worker outlives its parent"
-        time.sleep(0.02)
+    parent = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    worker = int(parent.stdout)
+    wait_until(lambda: not is_alive(worker))
 
 
 def is_alive(process_id: int) -> bool:

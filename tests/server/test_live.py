@@ -19,7 +19,7 @@ from server.live import LiveOptions, listening, page_address, run_demo
 from server.recording import Kind, Reader
 from server.sessions import free_name
 from server.stream import decode
-from tests.served import demo, wait_until
+from tests.served import PATIENCE, demo, wait_until
 
 
 def test_a_taken_port_is_told_in_one_line_with_the_remedy():
@@ -30,7 +30,7 @@ def test_a_taken_port_is_told_in_one_line_with_the_remedy():
         with pytest.raises(UserError, match=rf"port {port} .*--port 0"), listening("127.0.0.1", port):
             pass
         command = [sys.executable, "-m", "server", "demo", "--no-browser", "--port", str(port)]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        run = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert run.returncode == 2
     assert run.stdout == ""
     assert len(run.stderr.strip().splitlines()) == 1
@@ -99,12 +99,10 @@ def test_demo_serves_records_and_leaves_in_order(tmp_path):
         assert status["driver"]["autopilot"] is False
         recording = served.recording()
         address = served.address.replace("http", "ws", 1) + "api/v1/stream"
-        with connect(address) as viewer:
-            assert decode(viewer.recv(decode=False))[1]["kind"] == "hello"
-            drive_a_little(viewer)
-        with connect(
-            served.address.replace("http", "ws", 1) + "viser", subprotocols=viser_protocol(served.address)
-        ) as scene:
+        with connect(address, open_timeout=PATIENCE) as viewer:
+            drive_a_little(viewer, decode(viewer.recv(decode=False))[1])
+        view = served.address.replace("http", "ws", 1) + "viser"
+        with connect(view, open_timeout=PATIENCE, subprotocols=viser_protocol(served.address)) as scene:
             assert len(scene.recv(decode=False)) > 0, "the 3-D view speaks through our own address"
     reader = Reader(recording)
     records = list(reader)
@@ -116,22 +114,23 @@ def test_demo_serves_records_and_leaves_in_order(tmp_path):
     assert marks[-1]["command"] == "stop", "the last word to the robot"
 
 
-def drive_a_little(viewer) -> None:
-    """A few words of a driver, each in front of the picture just received."""
-    said = 0
-    while said < 5:
+def drive_a_little(viewer, hello: dict) -> None:
+    """A driver's words, each in front of the picture just received, until the server has obeyed one."""
+    assert hello["kind"] == "hello"
+    is_driving = False
+    while not is_driving:
         sequence, header, _ = decode(viewer.recv(decode=False))
         viewer.send(json.dumps({"type": "ack", "seq": sequence}))
         if header["topic"] == "pose":
-            viewer.send(json.dumps({"type": "drive", "speed": 0.1, "turn": 0.0, "seen": header["t"]}))
-            said += 1
+            viewer.send(json.dumps({"type": "drive", "speed": 0.1, "turn": 0.0, "seen": header["t"] - header["age"]}))
+        is_driving = header["topic"] == "status" and header["driver"]["viewer"] == hello["viewer"]
 
 
 def viser_protocol(address: str) -> list:
     """The subprotocol of the wheel that serves the page; asking for the page starts the view."""
     import viser
 
-    with urllib.request.urlopen(address + "viser/", timeout=60) as page:
+    with urllib.request.urlopen(address + "viser/", timeout=PATIENCE) as page:
         assert b"<html" in page.read()[:2000].lower()
     return [f"viser-v{viser.__version__}"]
 

@@ -175,7 +175,7 @@ def test_settings_that_cannot_be_used_leave_the_session_alone(tmp_path):
 def test_a_large_robot_is_built_while_the_session_goes_on(tmp_path, monkeypatch):
     async def story(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
         beginning = asyncio.create_task(sessions.begin("Two"))
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             while not is_building.is_set():
                 await asyncio.sleep(0.01)
         assert (sessions.bridge.about.number, sessions.bridge.about.running) == (1, True)
@@ -185,7 +185,7 @@ def test_a_large_robot_is_built_while_the_session_goes_on(tmp_path, monkeypatch)
     class SlowCrunch(Crunch):
         def __init__(self, params: CrunchParams):
             is_building.set()
-            assert may_go_on.wait(20.0), "the loop stands still while the robot is built"
+            assert may_go_on.wait(90.0), "the loop stands still while the robot is built"
             super().__init__(params)
 
     is_building, may_go_on = threading.Event(), threading.Event()

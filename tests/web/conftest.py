@@ -1,6 +1,7 @@
 """A real headless Chromium on a real session."""
 
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,7 +9,7 @@ from typing import Any, NamedTuple
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
-from tests.served import Served, demo
+from tests.served import PATIENCE, Served, demo, wait_until
 from tests.tools import miss
 
 FLAGS = [
@@ -18,6 +19,19 @@ FLAGS = [
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 MAC = Path("/Applications/Google Chrome.app/Contents/MacOS/Google Chrome")
 GOOD = '#connection[data-state="good"]'
+UNHURRIED = ("--set", "control.idle=300", "--set", "control.patience=300")  # a busy machine looks like an idle driver
+FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))"
+HOLD_BACK = """(() => {
+  const ask = globalThis.fetch;
+  const count = (...request) => ask(...request).finally(() => answered++);
+  Object.assign(globalThis, { letGo: null, answered: 0 });
+  globalThis.fetch = async (...request) => {
+    globalThis.fetch = count;
+    const answer = await ask(...request);
+    await new Promise((done) => (letGo = done));
+    return answer;
+  };
+})()"""  # the next answer comes when it is let go; later questions are answered, and counted, meanwhile
 
 
 class Watched(NamedTuple):
@@ -32,11 +46,26 @@ class Watched(NamedTuple):
 
     def wait(self, expression: str) -> None:
         """Until a JavaScript expression is true; the page's own policy forbids Playwright to wait inside it."""
-        for _ in range(1200):
-            if self.page.evaluate(f"Boolean({expression})"):
-                return
+        end = time.monotonic() + PATIENCE
+        while not self.value(f"!!({expression})"):
+            assert time.monotonic() < end, f"never came true: {expression}"
             self.page.wait_for_timeout(50)
-        raise AssertionError(f"never came true: {expression}")
+
+    def hold(self, key: str, holds: Callable[[], Any]) -> None:
+        """Hold a key until something has come of it, and repeat it meanwhile as keyboards do.
+
+        A page whose picture comes late on a busy machine lets go, and takes the key up again with the next repetition.
+        """
+
+        def is_so() -> Any:
+            self.page.keyboard.down(key)
+            return holds()
+
+        wait_until(is_so)
+
+    def take_up(self) -> None:
+        """Until the page has looked at what it was given, as it does with each picture."""
+        self.value(FRAMES)
 
 
 Open = Callable[..., Watched]
@@ -64,7 +93,7 @@ def browser() -> Iterator[Browser]:
 def served(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A virtual robot that waits for a driver, where there is a browser to look at it."""
     assert browser.is_connected()
-    with demo(tmp_path_factory.mktemp("served"), "--world", "demo", "--plan", "demo") as served:
+    with demo(tmp_path_factory.mktemp("served"), "--world", "demo", "--plan", "demo", *UNHURRIED) as served:
         yield served
 
 
@@ -76,12 +105,13 @@ def visit(browser: Browser) -> Iterator[Open]:
 
     def visit(served: Served, address: str = "", **options: Any) -> Watched:
         context = browser.new_context(**options)
+        context.set_default_timeout(1000.0 * PATIENCE)
         contexts.append(context)
         watched = Watched(context.new_page(), [])
         opened.append(watched)
         watch(watched, served.address)
         watched.page.goto(served.address + address)
-        watched.page.wait_for_selector(GOOD, timeout=60_000)
+        watched.page.wait_for_selector(GOOD)
         return watched
 
     yield visit

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
-from tests.served import Served, demo, wait_until
+from tests.served import PATIENCE, Served, demo, wait_until
 from tests.web.conftest import Open, Watched
 from tests.web.test_page import DRIVER, PHONE, at_rest, dismiss
 
@@ -68,12 +68,17 @@ def test_all_newest_stops_can_be_read_by_keys_too(served: Served, visit: Open, l
     for number in range(20):
         headers = {"Content-Type": "application/json", "X-Crunch-Client": f"watch {number}"}
         request = urllib.request.Request(f"{served.address}api/v1/commands", b'{"type": "stop"}', headers)
-        urllib.request.urlopen(request, timeout=10).close()
+        urllib.request.urlopen(request, timeout=PATIENCE).close()
     page.wait("document.querySelectorAll('#health .long dt').length === 20")
     check(page, "twenty stops")
-    page.page.focus("#health .long")
-    page.page.keyboard.press("End")
-    page.wait("document.querySelector('#health .long').scrollTop > 0")
+
+    def is_read() -> bool:  # one more stop, and the list is another
+        page.page.focus("#health .long")
+        page.page.keyboard.press("End")
+        page.take_up()
+        return page.value("document.querySelector('#health .long').scrollTop > 0")
+
+    wait_until(is_read)
     page.page.click("#resume")
     page.wait(f"{DRIVER}.stopped_by === null")
 
@@ -122,7 +127,7 @@ def test_replay(served: Served, visit: Open, look: dict[str, Any]):
     shown(page, "#replay-bar")
     page.wait("crunch.status && crunch.pose")
     check(page, "replay")
-    assert on_top(page, "#stop")
+    wait_until(lambda: on_top(page, "#stop"))
 
 
 def test_saved_map_and_the_map_that_grew(visit: Open, tmp_path):
@@ -151,7 +156,7 @@ def test_library(served: Served, visit: Open, look: dict[str, Any]):
     page.page.click("#library-open")
     shown(page, "#recordings-pane .recordings li")
     check(page, "recordings")
-    assert on_top(page, "#stop"), "the sheet leaves STOP in reach"
+    wait_until(lambda: on_top(page, "#stop"))  # the sheet leaves STOP in reach
     page.page.click("#maps-tab")
     shown(page, "#maps-pane")
     check(page, "maps")
@@ -162,8 +167,7 @@ def test_library(served: Served, visit: Open, look: dict[str, Any]):
 def test_hand_over(served: Served, visit: Open):
     at_rest(served)
     driver, other = dismiss(visit(served)), dismiss(visit(served, color_scheme="dark"))
-    driver.page.keyboard.down("s")
-    shown(other, "#ask")
+    driver.hold("s", lambda: other.page.is_visible("#ask"))
     check(other, "watching")
     other.page.click("#ask")
     shown(driver, "#driver-request")
@@ -185,8 +189,9 @@ def test_without_a_server(visit: Open, tmp_path):
 
 
 def test_tab_reaches_every_control(served: Served, visit: Open):
+    at_rest(served)
     page = visit(served, **DESK)
-    page.wait("crunch.status")
+    page.wait("crunch.status && document.getElementById('arm').hidden")
     wanted = page.value(
         "[...document.querySelectorAll('a[href], button, input, [tabindex=\"0\"]')]"
         ".filter(e => e.checkVisibility() && e.tabIndex >= 0).length"
@@ -243,8 +248,7 @@ def test_newcomer_can_drive_and_stop_without_scrolling(served: Served, visit: Op
     page.wait("crunch.status && crunch.pose")
     shown(page, "#hint")
     for selector in ("#stop", "#stick", "#hint-close", "#library-open"):
-        assert within(page, selector), selector
-        assert on_top(page, selector), selector
+        wait_until(lambda wanted=selector: within(page, wanted) and on_top(page, wanted))
     assert page.value("document.documentElement.scrollWidth <= innerWidth")
     beyond = page.value("""[...document.querySelectorAll("main button, main a.button")].filter((button) => {
         const [inner, outer] = [button.getBoundingClientRect(), button.closest(".panel").getBoundingClientRect()];
@@ -257,8 +261,7 @@ def test_welcome_leaves_with_whom_it_has_taught(served: Served, visit: Open):
     at_rest(served)
     page = visit(served)
     shown(page, "#hint")
-    page.page.keyboard.down("s")
-    page.page.wait_for_selector("#hint", state="hidden")
+    page.hold("s", lambda: page.page.is_hidden("#hint"))
     page.page.keyboard.up("s")
     page.page.click("#help")
     shown(page, "#hint")

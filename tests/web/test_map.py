@@ -171,9 +171,7 @@ def test_driving_locks_when_the_picture_is_too_old_and_unlocks_by_itself(browser
     assert browser.is_connected()
     with Hosted().served() as hosted:
         page = dismiss(visit(hosted))
-        page.wait("!crunch.driver.isLocked")
-        page.page.keyboard.down("w")
-        wait_until(lambda: hosted.bridge.control.wish)
+        page.hold("w", lambda: hosted.bridge.control.wish)
         hosted.is_mute = True
         page.wait("document.body.classList.contains('stale')")
         page.wait("crunch.driver.isLocked")

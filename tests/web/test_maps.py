@@ -16,8 +16,8 @@ from playwright.sync_api import Browser, Position
 from server.formats.g2o import read_g2o
 from server.formats.ros_map import OCCUPIED, read_ros_map
 from server.formats.tum import read_tum
-from tests.served import Served, demo, wait_until
-from tests.web.conftest import Open, Watched
+from tests.served import PATIENCE, Served, demo, wait_until
+from tests.web.conftest import HOLD_BACK, Open, Watched
 from tests.web.test_page import PHONE, dismiss
 
 FORMATS = ("png", "pgm", "yaml", "json", "g2o", "tum", "csv", "zip")
@@ -40,7 +40,7 @@ def ask(served: Served, method: str, address: str, body: Any = None) -> Any:
     data = None if body is None else json.dumps(body).encode()
     headers = {"Content-Type": "application/json", "X-Crunch-Client": "test"}
     request = urllib.request.Request(f"{served.address}api/v1/{address}", data, headers, method=method)
-    with urllib.request.urlopen(request, timeout=60) as answer:
+    with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         return json.loads(answer.read() or "null")
 
 
@@ -86,7 +86,7 @@ def test_a_map_is_saved_and_each_format_downloaded_and_read(mapped: Served, visi
     open_map(page, "Ground floor")
     files: dict[str, Path] = {}
     for name in FORMATS:
-        with page.page.expect_download(timeout=90_000) as download:
+        with page.page.expect_download() as download:
             page.page.locator(".map-files").get_by_role("link", name=name.upper(), exact=True).click()
         files[name] = tmp_path / download.value.suggested_filename
         download.value.save_as(files[name])
@@ -190,16 +190,14 @@ def test_two_maps_are_laid_over_each_other(mapped: Served, visit: Open):
     page = open_maps(visit(mapped))
     open_map(page, "Monday")
     page.page.get_by_label("Compare with another map").select_option(label="Turned")
-    page.page.locator(".map-side", has_text="Within 15 cm, 100 % of this map's walls are in the other").wait_for(
-        timeout=90_000
-    )
+    page.page.locator(".map-side", has_text="Within 15 cm, 100 % of this map's walls are in the other").wait_for()
     assert page.page.locator(".map-sheet .legend").inner_text().split() == ["Monday", "Turned"]
     page.page.get_by_label("find how they lie").uncheck()
     page.page.locator(".map-side", has_text="Within 15 cm").and_(
         page.page.locator(":not(:has-text('100 %'))")
-    ).wait_for(timeout=90_000)
+    ).wait_for()
     address = page.page.get_by_role("link", name="Picture of both").get_attribute("href")
-    with urllib.request.urlopen(mapped.address + str(address).lstrip("/"), timeout=90) as answer:
+    with urllib.request.urlopen(mapped.address + str(address).lstrip("/"), timeout=PATIENCE) as answer:
         assert answer.read().startswith(b"\x89PNG")
 
 
@@ -224,6 +222,41 @@ def test_a_deletion_is_taken_back_at_once_or_later(mapped: Served, visit: Open):
     assert page.value("document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_a_list_that_comes_late_is_not_shown(mapped: Served, visit: Open):
+    ask(mapped, "DELETE", f"maps/{saved(mapped, 'Unwanted')}")
+    saved(mapped, "Wanted")
+    page = open_maps(visit(mapped))
+    cards = page.page.locator(".map-cards")
+    cards.get_by_text("Wanted", exact=True).wait_for()
+    page.value(HOLD_BACK)
+    page.page.get_by_role("button", name="Deleted maps").click()
+    page.wait("letGo")
+    page.page.get_by_role("button", name="Deleted maps").click()
+    page.wait("answered")
+    page.take_up()
+    page.value("letGo()")
+    page.take_up()
+    cards.get_by_text("Wanted", exact=True).wait_for()
+    assert cards.get_by_text("Unwanted").count() == 0
+
+
+def test_a_name_that_is_saved_late_takes_no_other_place_away(mapped: Served, visit: Open):
+    page = dismiss(visit(mapped))
+    page.page.click("#map-fit")
+    page.page.click("#map", position={"x": 200, "y": 200})
+    page.page.get_by_role("button", name="Name it").click()
+    page.page.locator("#goal-card").get_by_label("Name of this place").fill("Desk")
+    page.value(HOLD_BACK)
+    page.page.locator("#goal-card").get_by_role("button", name="Save name").click()
+    page.wait("letGo")
+    page.page.click("#map", position={"x": 120, "y": 90})
+    page.value("letGo()")
+    page.take_up()
+    assert page.page.is_visible("#goal-card")
+    for place in ask(mapped, "GET", "labels"):
+        ask(mapped, "DELETE", f"labels/{place['id']}")
+
+
 def test_a_place_of_the_live_map_is_named_seen_by_all_and_its_name_taken_away(mapped: Served, visit: Open):
     page, other = dismiss(visit(mapped)), dismiss(visit(mapped))
     page.page.click("#map-fit")
@@ -233,7 +266,7 @@ def test_a_place_of_the_live_map_is_named_seen_by_all_and_its_name_taken_away(ma
     page.page.locator("#goal-card").get_by_role("button", name="Save name").click()
     for each in (page, other):
         each.wait("crunch.map.frames.labels?.header.labels.some(({ text }) => text === 'Sofa')")
-    assert page.page.locator("#goal-card").is_hidden()
+    page.page.wait_for_selector("#goal-card", state="hidden")
     assert [place["text"] for place in ask(mapped, "GET", "labels")] == ["Sofa"]
     kept = ask(mapped, "POST", "maps", {"name": "With sofa"})
     assert [place["text"] for place in kept["labels"]] == ["Sofa"]
@@ -255,7 +288,7 @@ def test_a_server_that_is_killed_and_started_again_has_every_map(browser: Browse
     with demo(tmp_path) as served:
         kept = ask(served, "GET", f"maps/{number}")
         assert kept["name"] == "Kept"
-        with urllib.request.urlopen(f"{served.address}api/v1/maps/{number}/map.json", timeout=30) as answer:
+        with urllib.request.urlopen(f"{served.address}api/v1/maps/{number}/map.json", timeout=PATIENCE) as answer:
             assert len(json.load(answer)["path"]) == kept["vertices"]
         by_itself = ask(served, "GET", f"maps/{ended['map']}")
         assert by_itself["vertices"] == ended["vertices"]

@@ -14,13 +14,13 @@ from playwright.sync_api import Browser, Page
 from websockets.sync.client import connect
 
 from server.stream import decode
-from tests.served import Served, wait_until
+from tests.served import PATIENCE, Served, wait_until
 from tests.web.conftest import FLAGS, GOOD, Watched, find_browser
 from tests.web.test_guidance import LISTEN
 from tests.web.test_page import DRIVER, dismiss
 
 WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # without a graphics card; slow to begin
-SLOW = 120_000  # ms
+SLOW = 1000.0 * PATIENCE  # ms
 BELOW = """document.getElementById("scene").getBoundingClientRect().top + 1
     >= document.getElementById("banner").getBoundingClientRect().bottom"""  # the sheet begins below the banner
 
@@ -72,7 +72,7 @@ def test_a_click_is_proposed_to_all_viewers_and_moves_nothing(view: Page, served
             return None
 
         place = wait_until(proposal)
-    view.get_by_text("Objective proposed").first.wait_for(timeout=SLOW)
+    wait_until(lambda: view.get_by_text("Objective proposed").count() or view.mouse.click(200, 450))
     x, y, _ = served.status()["robot"]["pose"]
     assert np.hypot(place["x"] - x, place["y"] - y) < 10.0, "in front of the camera, which stands behind the robot"
     assert served.status()["driver"]["goal"] is None
@@ -100,9 +100,10 @@ def test_turning_the_view_proposes_nothing(view: Page):
 def desk(webgl: Browser, served: Served) -> Iterator[Watched]:
     """The dashboard in the same browser; it must have complained of nothing in the end."""
     desk = Watched(webgl.new_page(viewport={"width": 1000, "height": 760}), [])
+    desk.page.set_default_timeout(SLOW)
     desk.page.on("pageerror", lambda error: desk.complaints.append(str(error)))
     desk.page.goto(served.address)
-    desk.page.wait_for_selector(GOOD, timeout=SLOW)
+    desk.page.wait_for_selector(GOOD)
     yield dismiss(desk)
     complaints = list(desk.complaints)
     desk.page.close()
@@ -111,13 +112,12 @@ def desk(webgl: Browser, served: Served) -> Iterator[Watched]:
 
 def test_the_page_shows_it_in_a_sheet_over_which_one_stops_and_confirms(desk: Watched):
     page = desk.page
-    page.set_default_timeout(SLOW)
     desk.wait("crunch.pose && !crunch.driver.isLocked")
     assert page.locator("iframe").count() == 0, "nothing is loaded before it is asked for"
     page.click("#menu-open")
     page.click("#scene-open")
     inside = page.frame_locator("#scene iframe")
-    inside.get_by_text("Path tree").first.wait_for(timeout=SLOW)
+    inside.get_by_text("Path tree").first.wait_for()
     page.keyboard.down("w")
     assert desk.value("crunch.driver.source") is None, "nobody drives under the sheet"
     page.keyboard.up("w")
@@ -133,8 +133,8 @@ def test_the_page_shows_it_in_a_sheet_over_which_one_stops_and_confirms(desk: Wa
     desk.wait(f"{DRIVER}.stopped_by === crunch.connection.viewer")
     page.wait_for_selector("#banner:visible")
     desk.wait(BELOW)  # the banner stays in sight
-    assert desk.value("document.elementFromPoint(...(({x, y}) => [x + 5, y + 5])"
-                      "(document.getElementById('stop').getBoundingClientRect())).id") == "stop"  # fmt: skip
+    desk.wait("document.elementFromPoint(...(({x, y}) => [x + 5, y + 5])"
+              "(document.getElementById('stop').getBoundingClientRect())).id === 'stop'")  # fmt: skip
     page.click("#goal-cancel")
     page.click("#stop")
     page.click("#scene-close")
@@ -148,7 +148,7 @@ def test_a_goal_goes_on_under_the_sheet(desk: Watched):
     desk.wait("crunch.pose && !crunch.driver.isLocked")
     desk.page.click("#menu-open")
     desk.page.click("#scene-open")
-    desk.page.frame_locator("#scene iframe").get_by_text("Path tree").first.wait_for(timeout=SLOW)
+    desk.page.frame_locator("#scene iframe").get_by_text("Path tree").first.wait_for()
     desk.page.mouse.click(300, 600)  # the frame has the focus, the page has not
     desk.value(LISTEN)
     desk.wait("crunch.driver.isLocked || crunch.driver.hasGoal || crunch.driver.goTo([0, 0]), said.includes('hold')")
