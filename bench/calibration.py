@@ -49,7 +49,7 @@ def particles_claim(path_filter: PathFilter) -> Claimant:
     """Mean and covariance over a systematic sample of the particles' paths."""
     tree = path_filter.tree
     assert tree is not None
-    drawn = systematic(normalize(path_filter.log_weights), MIDDLE, SAMPLE)
+    drawn = systematic(normalize(path_filter.particles.log_weights), MIDDLE, SAMPLE)
     paths = np.array([tree.path(int(particle)) for particle in drawn])
 
     def claim(viewers: np.ndarray, viewed: np.ndarray) -> Claim:
