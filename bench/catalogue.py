@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench import ablation, calibration, crazyflie, cycle, dashboard, floor, real, scale, sonar8, speed, worlds
+from bench import ablation, calibration, claims, crazyflie, cycle, dashboard, floor, real, scale, sonar8, speed, worlds
 from bench.benchmark import Bench
 
 CATALOGUE: tuple[Bench, ...] = (
@@ -12,6 +12,7 @@ CATALOGUE: tuple[Bench, ...] = (
     worlds.BENCH,
     crazyflie.BENCH,
     sonar8.BENCH,
+    claims.BENCH,
     ablation.BENCH,
     calibration.BENCH,
     scale.BENCH,

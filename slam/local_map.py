@@ -100,20 +100,27 @@ def shift_cells(cells, columns, rows):
 def resample_cells(cells, resolution, x, y, theta):
     """Cells of the window after the robot moved by (x, y, theta) in the window's frame, bilinearly (thesis, 2.1)."""
     n = cells.shape[0]
-    half = 0.5 * n
+    middle = 0.5 * (n - 1)
     cos, sin = math.cos(theta), math.sin(theta)
     moved = np.zeros_like(cells)
     for row in range(n):
+        u0 = x / resolution + middle - sin * (row - middle) - cos * middle
+        v0 = y / resolution + middle + cos * (row - middle) - sin * middle
         for column in range(n):
-            forward, left = column + 0.5 - half, row + 0.5 - half
-            u = cos * forward - sin * left + x / resolution + half - 0.5
-            v = sin * forward + cos * left + y / resolution + half - 0.5
-            i, j = math.floor(v), math.floor(u)
-            for di in range(2):
-                for dj in range(2):
-                    if 0 <= i + di < n and 0 <= j + dj < n:
-                        share = (1.0 - abs(v - i - di)) * (1.0 - abs(u - j - dj))
-                        moved[row, column] += share * cells[i + di, j + dj]
+            u, v = u0 + cos * column, v0 + sin * column
+            if 0.0 <= u < n - 1 and 0.0 <= v < n - 1:
+                i, j = int(v), int(u)
+                down, right = v - i, u - j
+                above = cells[i, j] + right * (cells[i, j + 1] - cells[i, j])
+                below = cells[i + 1, j] + right * (cells[i + 1, j + 1] - cells[i + 1, j])
+                moved[row, column] = above + down * (below - above)
+            elif -1.0 < u < n and -1.0 < v < n:  # on the border, beyond which cells are unknown
+                i, j = math.floor(v), math.floor(u)
+                for di in range(2):
+                    for dj in range(2):
+                        if 0 <= i + di < n and 0 <= j + dj < n:
+                            share = (1.0 - abs(v - i - di)) * (1.0 - abs(u - j - dj))
+                            moved[row, column] += share * cells[i + di, j + dj]
     return moved
 
 
