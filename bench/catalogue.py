@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from bench import ablation, calibration, claims, crazyflie, cycle, dashboard, floor, real, scale, sonar8, speed, worlds
+from bench import (
+    ablation,
+    calibration,
+    claims,
+    crazyflie,
+    cycle,
+    dashboard,
+    floor,
+    kernels,
+    real,
+    scale,
+    sonar8,
+    speed,
+    worlds,
+)
 from bench.benchmark import Bench
 
 CATALOGUE: tuple[Bench, ...] = (
@@ -16,6 +30,7 @@ CATALOGUE: tuple[Bench, ...] = (
     ablation.BENCH,
     calibration.BENCH,
     scale.BENCH,
+    kernels.BENCH,
     speed.BENCH,
     *dashboard.BENCHES,
 )

@@ -20,7 +20,7 @@ from numba import njit
 COPIED = 8_000_000  # float64 per array that is copied: out of every cache
 CACHED = 2048  # float64, or look-ups, that stay in the first cache
 TABLE = 4096  # bytes of a table of labels, in the first cache
-REPEATS = 50  # of some milliseconds; the best counts, so that other work on the machine does little
+REPEATS = 50  # of some milliseconds; the best counts
 
 
 class Ceilings(NamedTuple):
@@ -90,13 +90,18 @@ def call(values, rounds):
 
 
 def best_time(task: Callable[..., Any], arguments: list[tuple[Any, ...]]) -> float:
-    """Seconds of task(*arguments) on as many threads as there are arguments; compiled before, the best of some."""
-    times = []
+    """Seconds of task(*arguments) on as many threads as there are arguments; compiled before, the best of some.
+
+    The slowest thread's processor time counts, so that other work on the machine does little to it.
+    """
+
+    def timed(job: tuple[Any, ...]) -> float:
+        before = time.thread_time()
+        task(*job)
+        return time.thread_time() - before
+
     with ThreadPoolExecutor(len(arguments)) as pool:
-        for _ in range(REPEATS + 1):
-            before = time.perf_counter()
-            list(pool.map(task, *zip(*arguments, strict=True)))
-            times.append(time.perf_counter() - before)
+        times = [max(pool.map(timed, arguments)) for _ in range(REPEATS + 1)]
     return min(times[1:])
 
 
