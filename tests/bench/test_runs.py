@@ -1,0 +1,66 @@
+"""A small run of each benchmark that needs neither recordings nor a browser: its records fill every declared column."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from bench import ablation, calibration, cycle, kernels, recordings, scale
+from bench.benchmark import Bench, Record, Row
+from bench.recordings import WIDTHS
+
+
+@pytest.fixture(autouse=True)
+def small_cycle(monkeypatch, tmp_path_factory):
+    """A lap of 22 m instead of 50, kept for all tests of this file."""
+    monkeypatch.setattr(recordings, "CACHE", tmp_path_factory.getbasetemp() / "drives")
+    small = functools.partial(recordings.cycle, length=22.0)
+    for module in (ablation, calibration, cycle, kernels, scale):
+        monkeypatch.setattr(module, "cycle", small)
+
+
+def assert_filled(bench: Bench, record: Record, *empty: str):
+    """Every column has a text, but those of which nothing is known here."""
+    row = Row("row", [record])
+    assert {column.title for column in bench.columns if column.text(row) == "-"} == set(empty)
+
+
+def test_cycle():
+    record = cycle.run(cycle.Cycle("low", WIDTHS[0]), 0)
+    assert_filled(cycle.BENCH, record)
+    assert 0.0 < record["ate"] < 1.0
+    assert record["of_oracle"] == pytest.approx(record["ate"] / record["oracle_ate"])
+
+
+def test_calibration():
+    for name, record in calibration.run("low", 0).items():
+        assert_filled(calibration.BENCH, record)
+        assert record["held_50"] <= record["held_68"] <= record["held_90"] <= record["held_95"] <= 100.0, name
+
+
+def test_ablation():
+    names = ["everything", "no bias of odometry", "no hindsight"]
+    found = ablation.run("medium", 0, names)
+    assert list(found) == names
+    record = {f"{drive}_{key}": value for drive in ablation.DRIVES for key, value in found["everything"].items()}
+    assert_filled(ablation.BENCH, record | found["everything"])
+    assert found["everything"]["ate"] != found["no hindsight"]["ate"]
+
+
+def test_scale():
+    record = scale.run(300, 0)
+    assert_filled(scale.BENCH, record)
+    assert record["nodes"] >= record["vertices"]
+    assert record["vertex_ms"] <= record["worst_ms"]
+
+
+def test_kernels(monkeypatch):
+    monkeypatch.setattr(kernels, "PARTICLES", 3000)
+    monkeypatch.setattr(kernels, "VERTICES", 55)
+    monkeypatch.setattr("bench.roofline.REPEATS", 1)
+    found = kernels.run(0)
+    for name, record in found.items():
+        assert_filled(kernels.BENCH, record)
+        assert record["ratio"] == pytest.approx(record["ns"] / record["bound_ns"]), name
+    assert found["compare a pair"]["n"] <= 3 * 3000
