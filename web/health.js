@@ -32,16 +32,19 @@ export class Health {
     chip("age", duration(age), level(age, 0.5, 1.0));
   }
 
-  /** Rows keep their elements as long as their names stay, so that selected text and a reader's place are not lost. */
+  /** Rows keep their elements as long as their names stay, so that selected text is not lost; a reader's place never is. */
   fill(groups) {
     const shape = JSON.stringify(groups.map(([title, rows]) => [title, rows.map(([name]) => name)]));
-    if (shape !== this.shape) this.build(groups);
+    const isOther = shape !== this.shape;
+    const goBack = placeIn(this.box);
+    if (isOther) this.build(groups);
     this.shape = shape;
     groups.flatMap(([, rows]) => rows).forEach(([, value, mark = ""], index) => {
       const shown = this.values[index];
       if (shown.textContent !== value) shown.textContent = shown.title = value;
       shown.dataset.level = mark;
     });
+    if (isOther) goBack();
   }
 
   build(groups) {
@@ -64,6 +67,17 @@ export class Health {
     });
     this.box.replaceChildren(...built);
   }
+}
+
+/** How far the long group is scrolled, and whether it is read by keys: a function that makes it so again. */
+function placeIn(box) {
+  const before = box.querySelector(".long");
+  const [top, isFocused] = [before?.scrollTop ?? 0, before !== null && before === document.activeElement];
+  return () => {
+    const after = box.querySelector(".long");
+    if (after) after.scrollTop = top;
+    if (isFocused) after?.focus({ preventScroll: true });
+  };
 }
 
 function groupsOf(status, connection) {
