@@ -21,6 +21,11 @@ MAC = Path("/Applications/Google Chrome.app/Contents/MacOS/Google Chrome")
 GOOD = '#connection[data-state="good"]'
 UNHURRIED = ("--set", "control.idle=300", "--set", "control.patience=300")  # a busy machine looks like an idle driver
 FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))"
+LISTEN = """(() => {
+  globalThis.said = [];
+  const send = crunch.connection.send.bind(crunch.connection);
+  crunch.connection.send = (word) => send(word, said.push(word.type));
+})()"""  # what the page says from now on
 HOLD_BACK = """(() => {
   const ask = globalThis.fetch;
   const count = (...request) => ask(...request).finally(() => answered++);

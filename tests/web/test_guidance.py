@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.served import Served, demo, wait_until
-from tests.web.conftest import UNHURRIED, Open, Watched
+from tests.web.conftest import LISTEN, UNHURRIED, Open, Watched
 from tests.web.test_page import at_rest, dismiss
 
 GOAL = [-0.5, -2.6]  # m
@@ -24,11 +24,6 @@ SHOW = """(suggestions) => {
   connection.announce = (name, detail) => name !== "suggestions" && connection.truly(name, detail);
 }"""  # as if the server had said so; what it says itself meanwhile is not heard
 
-LISTEN = """(() => {
-  globalThis.said = [];
-  const send = crunch.connection.send.bind(crunch.connection);
-  crunch.connection.send = (word) => send(word, said.push(word.type));
-})()"""
 NEVER_SEEN = """(() => {
   const { connection } = crunch;
   const announce = connection.announce.bind(connection);

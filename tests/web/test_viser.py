@@ -15,8 +15,7 @@ from websockets.sync.client import connect
 
 from server.stream import decode
 from tests.served import PATIENCE, Served, wait_until
-from tests.web.conftest import FLAGS, GOOD, Watched, find_browser
-from tests.web.test_guidance import LISTEN
+from tests.web.conftest import FLAGS, GOOD, LISTEN, Watched, find_browser
 from tests.web.test_page import DRIVER, dismiss
 
 WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # without a graphics card; slow to begin
