@@ -18,6 +18,7 @@ from tests.server.live_session import PARAMS, STEP, HandSession
 
 FRAME_PERIOD = 0.05  # s
 SPACING = 0.5  # m between two vertices
+HOLD_UP = 0.3  # s between two turns of the loop that are no fault of ours
 REACH = 1.8  # m that walls are seen from the middle of a corridor
 
 
@@ -71,6 +72,7 @@ class Hosted(HandSession):
         self.n_vertices = n_vertices
         super().__init__()
         self.is_mute = False  # nothing is published
+        self.held_up = 0.0  # when (time.monotonic) the loop last stood still, because of something else on this machine
         self.address = ""
 
     def make_robot(self) -> Crunch:
@@ -105,8 +107,11 @@ class Hosted(HandSession):
     async def go_on(self) -> None:
         """Let time pass as it does, and show it."""
         start = time.monotonic() - self.link.time
-        due = 0.0
+        due, turned = 0.0, time.monotonic()
         while True:
+            before, turned = turned, time.monotonic()
+            if turned - before > HOLD_UP:
+                self.held_up = turned
             while self.link.time < time.monotonic() - start:
                 self.advance(STEP)
             if self.link.time >= due and not self.is_mute:

@@ -1,6 +1,8 @@
 """The map panel: layers come and go with one function on each side, and a long drive's map is shown whole and fresh,
 on a thin line too."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -137,8 +139,8 @@ def test_a_long_map_is_drawn_anew_with_every_frame_of_a_drag(long_drive: Hosted,
 
 
 def test_the_picture_stays_fresh_while_a_long_map_comes_over_a_thin_line(long_drive: Hosted, visit: Open):
-    """From the first pong on, which does not wait for the map. Nineteen looks of twenty are asked to be under a second
-    rather than each: a machine that is busy with something else may hold a picture up by itself."""
+    """From the first pong on, which does not wait for the map. Looks just after something else on this machine has kept
+    the server waiting do not count; of the others nineteen of twenty are asked to be under a second."""
     page = dismiss(visit(long_drive))
     page.wait(f"crunch.map.walls.seen.filter(Boolean).length === {LONG}")
     Line(page).limit(THIN)
@@ -148,18 +150,25 @@ def test_the_picture_stays_fresh_while_a_long_map_comes_over_a_thin_line(long_dr
     assert page.value("crunch.map.walls.seen.filter(Boolean).length") < LONG
     ages = []
 
+    def look() -> None:
+        age = page.value("crunch.connection.age")
+        if time.monotonic() - long_drive.held_up > 1.0:
+            ages.append(age)
+
     def is_whole() -> bool:
-        ages.append(page.value("crunch.connection.age"))
+        look()
         return page.value(f"crunch.map.walls.seen.filter(Boolean).length === {LONG}")
 
     wait_until(is_whole)
     robot = long_drive.bridge.robot
     assert isinstance(robot, LongDrive)
-    for n in range(100):
+    n, enough = 0, len(ages) + 100
+    while len(ages) < enough:
         if n % 30 == 0:
             robot.shift(0.01, 0.0)  # a new estimate moves the whole path, as often as the robot makes a vertex
         page.page.wait_for_timeout(50)
-        ages.append(page.value("crunch.connection.age"))
+        look()
+        n += 1
     known = np.array(ages)
     assert np.quantile(known, 0.95) < 1.0
     assert np.quantile(known, 0.99) < 1.5, "nobody was kept from driving"
