@@ -1,0 +1,92 @@
+"""The README's pictures of benchmarks, drawn from the results that `crunch bench` kept.
+
+python -m bench.pictures [calibration scale] [--results build/bench] [--out docs/images]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from bench.calibration import DRIVES, VIEWS
+from bench.claims.plots import STYLE, WAYS, panel, picture
+from bench.recordings import CACHE, ROOT
+from bench.result import Result, Results
+
+NAMES = {"intel": "semi-real Intel", "aces": "semi-real ACES"}
+LIVE = 1.7  # s between vertices at 0.3 m/s
+
+
+def calibration(result: Result) -> Figure:
+    """How often the truth lies within regions that should hold so much: refined paths and, thin, the particles."""
+    figure = picture(len(VIEWS))
+    rows = {row.name: row.records for row in result.rows}
+    for column, view in enumerate(VIEWS):
+        axes = panel(figure, 0, column, view)
+        axes.plot([0, 100], [0, 100], color="#999999", linewidth=1.0)
+        for (colour, _), drive in zip(WAYS, DRIVES, strict=False):
+            for claim, width in (("refinement", 1.8), ("particles", 0.8)):
+                records = rows.get(f"{drive}, {claim}, {view}")
+                if records:
+                    held = 100.0 * np.cumsum(np.mean([record["probabilities"] for record in records], axis=0))
+                    label = NAMES.get(drive, f"{drive} drift") if claim == "refinement" else None
+                    axes.plot(
+                        np.linspace(0.0, 100.0, len(held) + 1), [0.0, *held], color=colour, linewidth=width, label=label
+                    )
+        axes.set(xlabel="should hold (%)", xlim=(0, 100), ylim=(0, 100))
+    figure.axes[0].set_ylabel("holds the truth (%)")
+    figure.axes[-1].legend(loc="upper left")
+    return figure
+
+
+def scale(result: Result) -> Figure:
+    """Accuracy, time and memory against the number of particles, every run a dot."""
+    figure = picture(3)
+    particles = [int(row.name) for row in result.rows]
+    closed = [100.0 * np.mean([record["closed"] for record in row.records]) for row in result.rows]
+    panels = (
+        (f"ATE (m); {min(closed):.0f} to {max(closed):.0f} % closed", {"ate": "median"}, 1.0),
+        ("time per vertex (s)", {"worst_ms": "worst", "vertex_ms": "median"}, 1e-3),
+        ("peak memory (GB)", {"peak_mb": "median"}, 1e-3),
+    )
+    for column, (title, keys, factor) in enumerate(panels):
+        axes = panel(figure, 0, column, title)
+        for (colour, way), (key, label) in zip(WAYS, keys.items(), strict=False):
+            values = [[factor * record[key] for record in row.records] for row in result.rows]
+            axes.plot(particles, [float(np.median(runs)) for runs in values], way, color=colour, label=label)
+            for n, runs in zip(particles, values, strict=True):
+                axes.plot([n] * len(runs), runs, ".", color=colour, markersize=2.0)
+        axes.set(xscale="log", xlabel="particles")
+        if column:
+            axes.set_yscale("log")
+    figure.axes[1].axhline(LIVE, color="#999999", linewidth=1.0, label="the robot's")
+    figure.axes[1].legend()
+    figure.axes[0].set_ylim(bottom=0.0)
+    return figure
+
+
+PICTURES: dict[str, Callable[[Result], Figure]] = {"calibration": calibration, "scale": scale}
+
+
+def main() -> None:
+    """Draw those that were asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[*PICTURES, []], default=list(PICTURES), metavar="NAME")
+    parser.add_argument("--results", type=Path, default=CACHE)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
+    wanted = parser.parse_args()
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    for name in wanted.names:
+        result = Results.read(wanted.results / f"{name}.json").results[name]
+        with matplotlib.rc_context(STYLE):
+            PICTURES[name](result).savefig(wanted.out / f"{name}.png", metadata={"Software": None})
+        print(wanted.out / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main()
