@@ -3,8 +3,8 @@
 The drive is two laps of a 50 m cycle at 0.3 m/s with corridors 1.8 m wide and medium drift. Each run is a process of
 its own, so that its peak memory is its own; decoding and fusion are not timed.
 
-After a resampling a tree of T levels is expected to have at most T + C N ln N nodes, if every level is resampled (Jacob,
-Murray and Rubenthaler 2015); where k levels go by between resamplings, k times the second part.
+After a resampling a tree of T levels is expected to have at most T + C N ln N nodes, if every level is resampled
+(Jacob, Murray and Rubenthaler 2015); where k levels go by between resamplings, k times the second part.
 """
 
 from __future__ import annotations
