@@ -1,9 +1,9 @@
-"""Sparse nonlinear least squares over poses in the plane: normal equations, a damped step, marginal covariances.
+"""Sparse nonlinear least squares over poses in the plane: normal equations, and a damped step.
 
 A graph is a list of terms, each a quadratic in the relative pose of two nodes (motions, walls seen twice, loop edges),
 and a few unknowns that all nodes share (biases of the odometry, the direction of the building). Node 0 stands still.
 The sparse part is factored by SuperLU; the shared unknowns are a dense border, removed by Schur's complement, so that
-they do not fill the factor. Covariances come from the factor by Takahashi's recursion, without an inverse.
+they do not fill the factor.
 """
 
 from __future__ import annotations
@@ -113,27 +113,31 @@ def assemble(poses, first, second, gradients, hessians, diagonal, off_diagonal, 
 
 
 class NormalEquations:
-    """The normal equations at some poses (n, 3): `step` solves them, `covariances` inverts what is asked for."""
+    """The normal equations at some poses (n, 3): `step` solves them."""
 
     def __init__(self, poses: np.ndarray, terms: Terms, border: Border):
         n = len(poses)
         diagonal, off_diagonal = border.pose_hessians.copy(), np.empty((len(terms.first), 3, 3))
         gradient = border.pose_gradients.copy()
-        assemble(
-            poses, terms.first, terms.second, terms.gradients, terms.hessians, diagonal, off_diagonal, gradient
-        )  # fmt: skip
-        self.n_free = 3 * (n - 1)  # node 0 stands still
+        assemble(poses, terms.first, terms.second, terms.gradients, terms.hessians, diagonal, off_diagonal, gradient)
+        n_free = 3 * (n - 1)  # node 0 stands still
+        self.poses = poses
         self.border = border
         self.gradient = gradient[1:].reshape(-1)
-        self.mixed = border.mixed[1:].reshape(self.n_free, -1)
+        self.mixed = border.mixed[1:].reshape(n_free, -1)
         self.matrix = block_matrix(terms.first, terms.second, diagonal, off_diagonal)[3:, 3:]
-        self.factor = None
+
+    def factor(self, damping: float = 0.0):
+        """SuperLU's factors of the poses' part, its diagonal grown by a share `damping`.
+
+        Ordered for little fill, and pivoted on the diagonal only, since the matrix is symmetric and positive.
+        """
+        grown = self.matrix + sparse.diags_array(damping * self.matrix.diagonal() + 1e-9)
+        return splu(grown.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def step(self, damping: float) -> tuple[np.ndarray, np.ndarray]:
         """Change of the poses (n, 3) and of the shared unknowns (g,), with `damping` as a share of the diagonal."""
-        damped = self.matrix + sparse.diags_array(damping * self.matrix.diagonal() + 1e-9)
-        factor = factored(damped)
-        against = factor.solve(np.column_stack([self.gradient, self.mixed]))
+        against = self.factor(damping).solve(np.column_stack([self.gradient, self.mixed]))
         complement = self.border.hessian - self.mixed.T @ against[:, 1:]
         shared = -np.linalg.solve(complement, self.border.gradient - self.mixed.T @ against[:, 0])
         moved = -against[:, 0] - against[:, 1:] @ shared
@@ -150,7 +154,3 @@ def block_matrix(first, second, diagonal, off_diagonal) -> sparse.csc_array:
     at = (3 * rows[:, None] + inner_rows).reshape(-1), (3 * columns[:, None] + inner_columns).reshape(-1)
     return sparse.coo_array((blocks.reshape(-1), at), shape=(3 * n, 3 * n)).tocsc()
 
-
-def factored(matrix: sparse.csc_array):
-    """SuperLU's factors of a symmetric positive matrix, ordered for little fill and pivoted on the diagonal only."""
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
