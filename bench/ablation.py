@@ -23,6 +23,8 @@ from slam.trajectory import correct
 
 INGREDIENTS: Mapping[str, Mapping[str, Any]] = {  # settings of the robot; those of its filter under `filter`
     "everything": {},
+    "no refinement": {"refinement": {"rounds": 0}},
+    "no refinement by wall directions": {"refinement": {"direction": 0.0}},
     "no bias of odometry": {"filter": {"motion": {"turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0}}},
     "no jitter of the biases": {"filter": {"motion": {"jitter": 0.0}}},
     "no wall directions": {"filter": {"direction": {"gain": 0.0}}},
@@ -67,6 +69,7 @@ def measure(drive: Drive, fold_seconds: float, params: CrunchParams, seed: int, 
     path_filter = make_estimator(params, seed, 1)
     for keyframe in drive.keyframes:
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+    path_filter.refine()
     path = path_filter.estimate().path
     seconds = time.perf_counter() - before
     matches = associate(drive.times, times)

@@ -5,7 +5,8 @@ Every vertex's place is looked at from the first vertex, from the newest one, an
 claimed for it: d^2 = e' C^-1 e, which is chi-squared of two degrees of freedom if the claim is right, so that a region
 that should hold a share q of the errors is d^2 < -2 ln(1 - q). A record tells for one drive the shares that it held.
 
-Claims: `particles` is mean and covariance of the particles as they are at the end.
+Claims: `particles` is mean and covariance of the particles as they are at the end, `refinement` the refined path with
+the covariance of its least squares.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ import numpy as np
 from bench.benchmark import Bench, Column, Crew, Record, Row, middle, runs, values_of
 from bench.recordings import cycle, data_folder, read, semireal
 from bench.scores import params_of
-from server.replay import Drive, fold
+from server.replay import fold
 from server.robots.crunch import Crunch, make_estimator
 from slam.evaluate import revisit_pairs
 from slam.path_filter import PathFilter
 from slam.pose import between
+from slam.refined_filter import Correction, RefinedFilter
 from slam.resampling import normalize, systematic
 from slam.timeline import interpolate
 from slam.uncertainty import MIDDLE, SAMPLE
@@ -56,6 +58,21 @@ def particles_claim(path_filter: PathFilter) -> Claimant:
         places = between(paths[:, viewers], paths[:, viewed])[..., :2]
         centred = places - places.mean(axis=0)
         return Claim(places.mean(axis=0), np.einsum("pki,pkj->kij", centred, centred) / len(paths))
+
+    return claim
+
+
+def refinement_claim(correction: Correction) -> Claimant:
+    """The refined path, and the covariances of its normal equations."""
+    covariances, marginals = correction.covariances, correction.covariances.marginals()
+
+    def claim(viewers: np.ndarray, viewed: np.ndarray) -> Claim:
+        found = np.empty((len(viewers), 3, 3))
+        for viewer in np.unique(viewers):
+            rows = viewers == viewer
+            found[rows] = covariances.seen_from(int(viewer), marginals)[viewed[rows]]
+        places = between(correction.after[viewers], correction.after[viewed])
+        return Claim(places[:, :2], found[:, :2, :2])
 
     return claim
 
@@ -95,10 +112,10 @@ def run(name: str, seed: int) -> dict[str, Record]:
     log, times, truth = read(semireal(name, seed) if name in ("intel", "aces") else cycle(seed, name))
     params = params_of()
     path_filter = make_estimator(params, seed)
-    assert isinstance(path_filter, PathFilter)
     drive = fold(log, Crunch(params), lambda seen: path_filter.extend(seen.pose, seen.walls, seen.travelled))
     at_vertices = interpolate(times, truth, drive.times[drive.rows])[0]
-    claims = claims_of(path_filter, drive)
+    path_filter.refine()
+    claims = claims_of(path_filter)
     found = {}
     for view, (viewers, viewed) in views_of(at_vertices).items():
         places = between(at_vertices[viewers], at_vertices[viewed])[:, :2]
@@ -107,9 +124,13 @@ def run(name: str, seed: int) -> dict[str, Record]:
     return found
 
 
-def claims_of(path_filter: PathFilter, drive: Drive) -> dict[str, Claimant]:
+def claims_of(path_filter: RefinedFilter) -> dict[str, Claimant]:
     """Whose claims are looked at."""
-    return {"particles": particles_claim(path_filter)}
+    assert isinstance(path_filter.path_filter, PathFilter)
+    claims = {"particles": particles_claim(path_filter.path_filter)}
+    if path_filter.correction is not None:
+        claims["refinement"] = refinement_claim(path_filter.correction)
+    return claims
 
 
 def rows(crew: Crew) -> Iterator[Row]:

@@ -20,7 +20,7 @@ from bench.recordings import cycle, read
 from bench.scores import params_of
 from server.replay import fold, warm_up
 from server.report import peak_rss_mb
-from server.robots.crunch import Crunch, make_estimator
+from server.robots.crunch import Crunch, make_filter
 from slam.evaluate import absolute_error, revisits
 from slam.path_filter import PathFilter
 from slam.timeline import associate
@@ -37,7 +37,7 @@ def run(particles: int, seed: int) -> Record:
     drive = fold(log, Crunch(params), lambda keyframe: None)
     warm_up(params, THREADS)
     before_mb = peak_rss_mb()
-    path_filter = make_estimator(params, seed, THREADS)
+    path_filter = make_filter(params, seed, THREADS)
     assert isinstance(path_filter, PathFilter)
     seconds, most_nodes, kept_nodes = [], 0, 0
     for keyframe in drive.keyframes:

@@ -23,6 +23,7 @@ from pydantic import Field
 from server.filter_worker import Answer, Batch, FilterFactory, estimate_of, serve
 from server.messages import Estimate, Keyframe
 from slam.params import Params
+from slam.refined_filter import RefinedFilter
 
 log = logging.getLogger(__name__)
 
@@ -83,6 +84,8 @@ class InlineEstimator:
         """Extend the filter and deliver its estimate before returning."""
         self.path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         self.vertices += 1
+        if isinstance(self.path_filter, RefinedFilter) and self.path_filter.is_due:
+            self.path_filter.refine()
         self.deliver(estimate_of(self.path_filter, keyframe.t, self.shown))
 
     def status(self) -> EstimatorStatus:
@@ -243,20 +246,26 @@ class WorkerEstimator:
         """One batch at a time, for ever."""
         await worker.receive()  # its first word
         self.fed_again = len(self.keyframes)
+        is_rough = False
         while True:
-            if self.answered == len(self.keyframes):
+            if self.answered == len(self.keyframes) and not is_rough:
                 self.state = "idle"
                 self.arrived.clear()
                 await self.arrived.wait()
             self.state = "busy"
             batch = self._next_batch()
             answer = await worker.exchange(batch)
-            self._note(batch, answer)
+            is_rough = answer.is_rough
+            if batch.keyframes:
+                self._note(batch, answer)
             if self.answered >= self.progress:  # an estimate of a part of what was known would only confuse
                 self.progress, self.losses = self.answered, 0
                 self.deliver(answer.estimate)
 
     def _next_batch(self) -> Batch:
+        """What waits; without any keyframes there is only an estimate to refine."""
+        if self.answered == len(self.keyframes):
+            return Batch((), self.budget.n_particles)
         keyframes = self.keyframes[self.answered : self.answered + self.params.batch]
         is_new = self.answered >= self.fed_again
         n = self.budget.next(len(self.keyframes) - self.answered) if is_new else self.budget.n_particles

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from server.messages import Estimate, Keyframe
+from slam.refined_filter import RefinedFilter
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
@@ -51,17 +52,18 @@ FilterFactory = Callable[[], PathFilterLike]
 
 
 class Batch(NamedTuple):
-    """Keyframes that go over together, and how many particles to compute them with."""
+    """Keyframes that go over together, and how many particles to compute them with; without any it is for refining."""
 
     keyframes: Sequence[Keyframe]
     n_particles: int
 
 
 class Answer(NamedTuple):
-    """The estimate after a batch, and the seconds that it took."""
+    """The estimate after a batch, the seconds that it took, and whether an empty batch would refine it."""
 
     estimate: Estimate
     seconds: float
+    is_rough: bool
 
 
 def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
@@ -91,7 +93,9 @@ def serve(connection: Any, beats: Any, factory: FilterFactory, shown: int) -> No
         signal.signal(number, signal.SIG_IGN)
     parent = os.getppid()
     path_filter = factory()
-    n_particles = 0
+    if isinstance(path_filter, RefinedFilter):
+        path_filter.prepare()
+    n_particles, t = 0, 0.0
     try:
         connection.send("ready")
         while os.getppid() == parent:
@@ -102,15 +106,23 @@ def serve(connection: Any, beats: Any, factory: FilterFactory, shown: int) -> No
             if batch.n_particles != n_particles:
                 n_particles = batch.n_particles
                 path_filter.resize(n_particles)
-            connection.send(_work(path_filter, batch, beats, shown))
+            if batch.keyframes:
+                t = batch.keyframes[-1].t
+            connection.send(_work(path_filter, batch, t, beats, shown))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
 
 
-def _work(path_filter: PathFilterLike, batch: Batch, beats: Any, shown: int) -> Answer:
+def _work(path_filter: PathFilterLike, batch: Batch, t: float, beats: Any, shown: int) -> Answer:
+    """Extend the filter by a batch, or refine its path where there is none; `t` is the newest keyframe's."""
     started = time.perf_counter()
     for keyframe in batch.keyframes:
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         beats.value += 1
-    estimate = estimate_of(path_filter, batch.keyframes[-1].t, shown)
-    return Answer(estimate, time.perf_counter() - started)
+    is_rough = False
+    if isinstance(path_filter, RefinedFilter):
+        if not batch.keyframes:
+            path_filter.refine()
+        is_rough = path_filter.is_rough
+    estimate = estimate_of(path_filter, t, shown)
+    return Answer(estimate, time.perf_counter() - started, is_rough)

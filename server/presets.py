@@ -10,6 +10,7 @@ from typing import Any
 THESIS: dict[str, Any] = {
     "crunch": {
         "hindsight": 0,
+        "refinement": {"rounds": 0},
         "local_map": {"reach": 1.0, "resample": True},
         "walls": {"thickness": 1e-3},  # the first point above the threshold
         "vfh": {"radial_sum": True, "robot_radius": 0.0, "clearance": 0.0},

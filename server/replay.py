@@ -86,7 +86,8 @@ def run_log(
 ) -> Result:
     """Map a log in memory; FormatError where it lacks odometry or ranges. The same arguments give the same bits.
 
-    `seconds` tells the parts: `fold` (decoding, local map, walls) and `filter`, kernels being compiled before.
+    `seconds` tells the parts: `fold` (decoding, local map, walls), `filter` and `refinement`, kernels being compiled
+    before.
     """
     params = with_sensors(params, log)
     warm_up(params, threads)
@@ -102,12 +103,19 @@ def run_log(
 
     drive = fold(log, Crunch(params), extend, progress)
     before = time.perf_counter()
+    path_filter.refine()
+    refined = time.perf_counter()
     estimate = path_filter.estimate()
     trajectory = correct(drive.odometry, drive.rows, estimate.path)
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
-    seconds = {"fold": before - started - spent, "filter": spent + ended - before, "total": ended - started}
+    seconds = {
+        "fold": before - started - spent,
+        "filter": spent + ended - refined,
+        "refinement": refined - before,
+        "total": ended - started,
+    }
     return Result(drive, estimate, trajectory, seconds)
 
 
@@ -172,6 +180,7 @@ def warm_up(params: CrunchParams, threads: int) -> None:
             for effect in robot.step(message):
                 if isinstance(effect, Keyframe):
                     path_filter.extend(effect.pose, effect.walls, effect.travelled)
+    path_filter.refine()
     path_filter.estimate()
     path_filter.uncertainty(1)
 

@@ -153,4 +153,3 @@ def block_matrix(first, second, diagonal, off_diagonal) -> sparse.csc_array:
     inner_rows, inner_columns = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
     at = (3 * rows[:, None] + inner_rows).reshape(-1), (3 * columns[:, None] + inner_columns).reshape(-1)
     return sparse.coo_array((blocks.reshape(-1), at), shape=(3 * n, 3 * n)).tocsc()
-

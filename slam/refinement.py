@@ -1,12 +1,13 @@
 """Refine a path by least squares: odometry's motions against the walls that were seen twice.
 
 `refine` moves n nodes (poses in the plane) so that the motions between them stay likely under the motion model, whose
-turn and scale bias are unknowns of all nodes, and wall points that nearby nodes share fall onto each other. Nodes may
-be a path's vertices (`slam.wall_matching.wall_points`) or single laser scans: whatever has points with normals.
+turn and scale bias are unknowns of all nodes, and wall points that nodes of different visits share fall onto each
+other. Nodes may be a path's vertices (`slam.wall_matching.wall_points`) or single laser scans: whatever has points with
+normals.
 
     walls = wall_points(observations)                      # or WallPoints(points, normals, starts) of your own
-    chain = Chain(motions, travelled)                      # odometry between consecutive nodes
-    refined = refine(poses, chain, walls, motion_params, RefinementParams(range=3.0, gap=20))
+    chain = Chain.along(odometry)                          # or Chain(motions, travelled)
+    refined = refine(poses, chain, walls, motion_params, RefinementParams(range=1.0, gap=20))
     refined.path, refined.cost, refined.pairs
 
 The search is Levenberg's and Marquardt's; points are matched anew in every round. It is deterministic and draws on
@@ -15,21 +16,21 @@ nothing but its arguments.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
 from slam.motion import MotionParams
+from slam.odometry_chain import Chain, motion_sigmas, motion_terms
 from slam.params import Params
-from slam.pose import between, wrap
+from slam.pose import wrap
+from slam.pose_covariance import Covariances
 from slam.pose_graph import Border, NormalEquations, Terms
 from slam.wall_matching import Matching, Nearness, WallMatches, WallPoints
 
-FLOOR = np.array([1e-3, 2e-3, 2e-3])  # rad, m, m: least standard deviations of turn, length and sideways slip
+LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
 
 class RefinementParams(Params):
@@ -49,23 +50,6 @@ class RefinementParams(Params):
     outliers: float = Field(default=0.15, gt=0.0, lt=1.0)  # share of nodes whose walls obey no common direction
 
 
-class Chain(NamedTuple):
-    """Odometry between consecutive nodes: row v holds the motion (3,) from node v - 1 to v and the metres travelled.
-
-    Row 0 means nothing.
-    """
-
-    motions: np.ndarray
-    travelled: np.ndarray
-
-    @classmethod
-    def along(cls, odometry: np.ndarray, travelled: np.ndarray | None = None) -> Chain:
-        """From poses (n, 3) in the odometry frame."""
-        motions = np.zeros((len(odometry), 3))
-        motions[1:] = between(odometry[:-1], odometry[1:])
-        return cls(motions, np.hypot(motions[:, 0], motions[:, 1]) if travelled is None else np.asarray(travelled))
-
-
 class Refined(NamedTuple):
     """Path (n, 3), shared unknowns (turn bias, scale bias, building's direction), cost, pairs (k, 2) compared."""
 
@@ -73,72 +57,6 @@ class Refined(NamedTuple):
     shared: np.ndarray
     cost: float
     pairs: np.ndarray
-
-
-def motion_sigmas(chain: Chain, params: MotionParams) -> np.ndarray:
-    """(n, 3) standard deviations of the turn (rad), the length and the sideways slip (m) of each motion.
-
-    Sideways a pose is off since it is not known where on the way the turn's error happened: sigma d / sqrt(12).
-    """
-    root = np.sqrt(chain.travelled)
-    turn = np.hypot(params.turn_noise * root, params.rotation_noise * chain.motions[:, 2])
-    distance = np.hypot(chain.motions[:, 0], chain.motions[:, 1])
-    sigmas = np.stack([turn, params.distance_noise * root, turn * distance / math.sqrt(12.0)], axis=1)
-    return np.hypot(sigmas, FLOOR)
-
-
-@njit(cache=True)
-def motion_terms(poses, motions, travelled, sigmas, biases, gradients, hessians, mixed, shared_gradient, shared):
-    """Derivatives of the motions' cost by relative poses (n - 1, 3), (n - 1, 3, 3), and with the biases; the cost.
-
-    The residual is the correction of turn, length and slip in standard deviations, less what the biases explain; half
-    of the turn's error acts before the translation, as in `slam.motion.moved_pose`. `mixed` (n, 3, 2) gets the second
-    derivatives by a world pose and a bias, `shared_gradient` (2,) and `shared` (2, 2) those by the biases alone.
-    """
-    cost = 0.0
-    jacobian = np.zeros((3, 3))
-    by_bias = np.zeros((3, 2))
-    residual = np.empty(3)
-    for v in range(1, poses.shape[0]):
-        cos, sin = math.cos(poses[v - 1, 2]), math.sin(poses[v - 1, 2])
-        dx, dy = poses[v, 0] - poses[v - 1, 0], poses[v, 1] - poses[v - 1, 1]
-        x, y = cos * dx + sin * dy, cos * dy - sin * dx
-        turn = poses[v, 2] - poses[v - 1, 2] - motions[v, 2]
-        turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-        distance = math.hypot(motions[v, 0], motions[v, 1])
-        heading = 0.5 * turn + (math.atan2(motions[v, 1], motions[v, 0]) if distance > 1e-9 else 0.0)
-        ahead_x, ahead_y = math.cos(heading), math.sin(heading)
-        along, aside = x * ahead_x + y * ahead_y, y * ahead_x - x * ahead_y
-        residual[0] = (turn - biases[0] * travelled[v]) / sigmas[v, 0]
-        residual[1] = (along - distance * (1.0 + biases[1])) / sigmas[v, 1]
-        residual[2] = aside / sigmas[v, 2]
-        jacobian[0, 2] = 1.0 / sigmas[v, 0]
-        jacobian[1, 0], jacobian[1, 1], jacobian[1, 2] = (
-            ahead_x / sigmas[v, 1], ahead_y / sigmas[v, 1], 0.5 * aside / sigmas[v, 1],
-        )  # fmt: skip
-        jacobian[2, 0], jacobian[2, 1], jacobian[2, 2] = (
-            -ahead_y / sigmas[v, 2], ahead_x / sigmas[v, 2], -0.5 * along / sigmas[v, 2],
-        )  # fmt: skip
-        by_bias[0, 0], by_bias[1, 1] = -travelled[v] / sigmas[v, 0], -distance / sigmas[v, 1]
-        for m in range(3):
-            cost += 0.5 * residual[m] ** 2
-            for r in range(3):
-                gradients[v - 1, r] += jacobian[m, r] * residual[m]
-                for c in range(3):
-                    hessians[v - 1, r, c] += jacobian[m, r] * jacobian[m, c]
-            for g in range(2):
-                shared_gradient[g] += by_bias[m, g] * residual[m]
-                shared[g, g] += by_bias[m, g] ** 2
-        for g in range(2):  # row g of the residual is the only one that bias g moves
-            px, py, pt = jacobian[g, 0] * by_bias[g, g], jacobian[g, 1] * by_bias[g, g], jacobian[g, 2] * by_bias[g, g]
-            wx, wy = cos * px - sin * py, sin * px + cos * py
-            mixed[v, 0, g] += wx
-            mixed[v, 1, g] += wy
-            mixed[v, 2, g] += pt
-            mixed[v - 1, 0, g] -= wx
-            mixed[v - 1, 1, g] -= wy
-            mixed[v - 1, 2, g] += px * y - py * x - pt
-    return cost
 
 
 class Source(Protocol):
@@ -214,6 +132,58 @@ class Problem:
         border.hessian[2, 2] += np.sum(hessians)
         return -float(np.sum(np.log(obeys + strays)))
 
+    def log_density(self, poses: np.ndarray) -> float:
+        """How likely poses (n, 3) are, up to a constant, under the best values of the shared unknowns."""
+        shared = self.start(poses)
+        for _ in range(3):  # Newton: the biases are found at once, the direction nearly
+            _, _, border = self.linearize(poses, shared)
+            shared = shared - np.linalg.solve(border.hessian, border.gradient)
+        return -self.linearize(poses, shared)[0]
+
+
+class Refinement:
+    """The problem of one path: `run` it from a guess, ask for `covariances` and how likely a path is.
+
+    `directions` (n,) are complex as of `slam.affinity.wall_direction`.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        walls: WallPoints,
+        motion: MotionParams,
+        params: RefinementParams,
+        directions: np.ndarray | None = None,
+    ):
+        n = len(chain.travelled)
+        seen = np.zeros(n, complex) if directions is None else params.direction * directions
+        self.params = params
+        self.matches = WallMatches(walls)
+        self.prior = Problem(chain, motion, [], seen, params.outliers)
+        self.problem = Problem(chain, motion, [self.matches], seen, params.outliers)
+
+    def run(self, poses: np.ndarray, rounds: int | None = None) -> Refined:
+        """Refine `poses` (n, 3), which are a good guess already, in the last few `rounds` if not in all."""
+        poses = np.array(poses, float)
+        shared, cost, last = self.problem.start(poses), 0.0, self.params.rounds
+        for round_ in range(0 if rounds is None else max(0, last - rounds), last):
+            self.associate(poses, round_)
+            poses, shared, cost = descend(self.problem, poses, shared, self.params.steps)
+        return Refined(poses, shared, cost, self.matches.pairs)
+
+    def associate(self, poses: np.ndarray, round_: int) -> None:
+        """Match points at `poses` (n, 3); gates and kernels narrow from the first round to the last."""
+        params = self.params
+        left = 1.0 - round_ / max(1, params.rounds - 1)
+        scale = (params.gate / params.last_gate) ** left
+        matching = Matching(params.last_gate * scale, params.like, params.sigma, params.kernel * scale)
+        self.matches.associate(poses, Nearness(params.range, params.visits, params.gap), matching)
+
+    def covariances(self, refined: Refined) -> Covariances:
+        """How certain the poses of a path are that `run` gave last."""
+        _, terms, border = self.problem.linearize(refined.path, refined.shared)
+        return Covariances(NormalEquations(refined.path, terms, border))
+
 
 def refine(
     poses: np.ndarray,
@@ -223,24 +193,8 @@ def refine(
     params: RefinementParams,
     directions: np.ndarray | None = None,
 ) -> Refined:
-    """Refine `poses` (n, 3), which are a good guess already; `directions` (n,) as of `slam.affinity.wall_direction`."""
-    poses = np.array(poses, float)
-    seen = np.zeros(len(poses), complex) if directions is None else params.direction * directions
-    matches = WallMatches(walls)
-    problem = Problem(chain, motion, [matches], seen, params.outliers)
-    shared, cost = problem.start(poses), 0.0
-    nearness = Nearness(params.range, params.visits, params.gap)
-    for round_ in range(params.rounds if len(poses) > 1 else 0):
-        matches.associate(poses, nearness, matching_of(params, round_))
-        poses, shared, cost = descend(problem, poses, shared, params.steps)
-    return Refined(poses, shared, cost, matches.pairs)
-
-
-def matching_of(params: RefinementParams, round_: int) -> Matching:
-    """Gates and kernels narrow from the first round to the last."""
-    left = 1.0 - round_ / max(1, params.rounds - 1)
-    scale = (params.gate / params.last_gate) ** left
-    return Matching(params.last_gate * scale, params.like, params.sigma, params.kernel * scale)
+    """Refine `poses` (n, 3), which are a good guess already."""
+    return Refinement(chain, walls, motion, params, directions).run(poses)
 
 
 def descend(
@@ -263,6 +217,6 @@ def descend(
         gain = cost - found
         poses, shared, cost, terms, border = trial, shared + change, found, terms_there, border_there
         damping *= 0.1
-        if gain < 1e-4 * cost:
+        if gain < LEAST_GAIN * cost:
             break
     return poses, shared, cost

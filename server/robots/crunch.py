@@ -43,6 +43,8 @@ from slam.params import Params
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import between, compose, transform
 from slam.rangefinder import RingParams, crunch_sensors
+from slam.refined_filter import RefinedFilter
+from slam.refinement import RefinementParams
 from slam.vfh import Vfh, VfhParams
 from slam.walls import WallParams, Walls, curves, extract
 
@@ -69,6 +71,7 @@ class CrunchParams(Params):
     estimator: Literal["filter", "search"] = "filter"  # particles, or local search on one path (thesis, 2.6)
     perturbations: int = Field(default=100, ge=0, le=10_000)  # that the local search tries at every vertex
     filter: PathFilterParams = PathFilterParams()
+    refinement: RefinementParams = RefinementParams()  # of the filter's best path, for what is shown and written
 
     def filter_params(self) -> PathFilterParams:
         """The path filter's parameters, with the local map's reach filled in."""
@@ -76,8 +79,13 @@ class CrunchParams(Params):
         return self.filter.model_copy(update={"reach": reach})
 
 
-def make_estimator(params: CrunchParams, seed: int = 0, threads: int = 1) -> PathFilter | LocalSearch:
-    """The estimator of paths that the parameters choose; both have one face."""
+def make_estimator(params: CrunchParams, seed: int = 0, threads: int = 1) -> RefinedFilter:
+    """The estimator of paths that the parameters choose, its path to be refined."""
+    return RefinedFilter(make_filter(params, seed, threads), params.filter.motion, params.refinement)
+
+
+def make_filter(params: CrunchParams, seed: int = 0, threads: int = 1) -> PathFilter | LocalSearch:
+    """The path filter, or the local search, that the parameters choose; both have one face."""
     chosen = params.filter_params()
     if params.estimator == "filter":
         return PathFilter(chosen, seed, threads)
