@@ -155,9 +155,10 @@ class Bridge:
         self.halt()
         self.about = self.about.model_copy(update={"running": False})
         self.session.sink = self.recorder = None
-        for keyframe in self.robot.finish():
-            if self.estimator is not None:
+        if self.estimator is not None:
+            for keyframe in self.robot.finish():
                 self.estimator.submit(keyframe)
+            self.estimator.finish()
         self.publish_status()
 
     # What comes in.

@@ -36,6 +36,7 @@ class EstimatorParams(Params):
     batch: int = Field(default=32, ge=1, le=10_000)  # keyframes that go over together at most
     bound: int = Field(default=16, ge=1, le=10_000)  # waiting keyframes above which particles are shed
     fewest: int = Field(default=100, ge=1)  # particles that are never shed
+    calm: float = Field(default=2.0, gt=0.0)  # s without a keyframe after which the path is refined at leisure
     calm_batches: int = Field(default=4, ge=1)  # batches without a queue before shed particles come back
     shown: int = Field(default=500, ge=1, le=100_000)  # particles in an estimate
     startup: float = Field(default=120.0, gt=0.0)  # s for the first beat and the first answer, while kernels compile
@@ -66,6 +67,14 @@ class Estimator(Protocol):
         """Add a keyframe; never blocks on the filter's process."""
         ...
 
+    def finish(self) -> None:
+        """No keyframe comes any more: the last word is to be delivered."""
+        ...
+
+    def is_settled(self) -> bool:
+        """Whether everything is delivered that `finish` asked for."""
+        ...
+
     def status(self) -> EstimatorStatus:
         """How the estimator is doing."""
         ...
@@ -79,14 +88,26 @@ class InlineEstimator:
         self.deliver = deliver
         self.shown = shown
         self.vertices = 0
+        self.t = 0.0  # of the newest keyframe
 
     def submit(self, keyframe: Keyframe) -> None:
         """Extend the filter and deliver its estimate before returning."""
         self.path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         self.vertices += 1
         if isinstance(self.path_filter, RefinedFilter) and self.path_filter.is_due:
-            self.path_filter.refine()
+            self.path_filter.refine(is_quick=True)
+        self.t = keyframe.t
         self.deliver(estimate_of(self.path_filter, keyframe.t, self.shown))
+
+    def finish(self) -> None:
+        """Deliver the refined path, after the last keyframe."""
+        if isinstance(self.path_filter, RefinedFilter) and self.path_filter.is_rough:
+            self.path_filter.refine()
+            self.deliver(estimate_of(self.path_filter, self.t, self.shown))
+
+    def is_settled(self) -> bool:
+        """Always."""
+        return True
 
     def status(self) -> EstimatorStatus:
         """Always idle between two calls."""
@@ -188,6 +209,8 @@ class WorkerEstimator:
         self.reason = ""
         self.worker: Worker | None = None
         self.has_answered = False
+        self.is_rough = False  # whether the newest estimate's path can still be refined
+        self.is_ending = False
         self.last_answer = time.monotonic()
         self.arrived = asyncio.Event()
 
@@ -195,6 +218,15 @@ class WorkerEstimator:
         """Queue a keyframe; it is kept for the whole session."""
         self.keyframes.append(keyframe)
         self.arrived.set()
+
+    def finish(self) -> None:
+        """Have the path refined without waiting for a calm moment."""
+        self.is_ending = True
+        self.arrived.set()
+
+    def is_settled(self) -> bool:
+        """Whether the worker has told all that can be told of the keyframes so far."""
+        return self.answered == len(self.keyframes) and not self.is_rough
 
     def status(self) -> EstimatorStatus:
         """How the worker is doing."""
@@ -246,30 +278,44 @@ class WorkerEstimator:
         """One batch at a time, for ever."""
         await worker.receive()  # its first word
         self.fed_again = len(self.keyframes)
-        is_rough = False
+        self.is_rough = is_due = False
         while True:
-            if self.answered == len(self.keyframes) and not is_rough:
+            is_calm = False
+            if self.answered == len(self.keyframes) and not is_due:
                 self.state = "idle"
-                self.arrived.clear()
-                await self.arrived.wait()
+                is_calm = await self._wait()
+                if self.answered == len(self.keyframes) and not is_calm:
+                    continue
             self.state = "busy"
-            batch = self._next_batch()
+            batch = self._next_batch(is_calm)
             answer = await worker.exchange(batch)
-            is_rough = answer.is_rough
+            self.is_rough, is_due = answer.is_rough, answer.is_due
             if batch.keyframes:
                 self._note(batch, answer)
             if self.answered >= self.progress:  # an estimate of a part of what was known would only confuse
                 self.progress, self.losses = self.answered, 0
                 self.deliver(answer.estimate)
 
-    def _next_batch(self) -> Batch:
-        """What waits; without any keyframes there is only an estimate to refine."""
+    async def _wait(self) -> bool:
+        """Wait for a keyframe; whether none came, and the path can be refined at leisure."""
+        self.arrived.clear()
+        if self.is_rough and self.is_ending:
+            return True
+        try:
+            async with asyncio.timeout(self.params.calm if self.is_rough else None):
+                await self.arrived.wait()
+        except TimeoutError:
+            return True
+        return self.is_rough and self.is_ending
+
+    def _next_batch(self, is_calm: bool) -> Batch:
+        """The keyframes that wait; without any the path is refined."""
         if self.answered == len(self.keyframes):
-            return Batch((), self.budget.n_particles)
+            return Batch((), self.budget.n_particles, is_quick=not is_calm)
         keyframes = self.keyframes[self.answered : self.answered + self.params.batch]
         is_new = self.answered >= self.fed_again
         n = self.budget.next(len(self.keyframes) - self.answered) if is_new else self.budget.n_particles
-        return Batch(keyframes, n)
+        return Batch(keyframes, n, is_quick=True)
 
     def _note(self, batch: Batch, answer: Answer) -> None:
         now = time.monotonic()

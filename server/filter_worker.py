@@ -52,18 +52,23 @@ FilterFactory = Callable[[], PathFilterLike]
 
 
 class Batch(NamedTuple):
-    """Keyframes that go over together, and how many particles to compute them with; without any it is for refining."""
+    """Keyframes that go over together, and how many particles to compute them with; without any the path is refined."""
 
     keyframes: Sequence[Keyframe]
     n_particles: int
+    is_quick: bool  # whether refining must not take long
 
 
 class Answer(NamedTuple):
-    """The estimate after a batch, the seconds that it took, and whether an empty batch would refine it."""
+    """The estimate after a batch, the seconds that it took, and whether refining would better its path.
+
+    `is_due` says that a quick refinement pays.
+    """
 
     estimate: Estimate
     seconds: float
     is_rough: bool
+    is_due: bool
 
 
 def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
@@ -119,10 +124,15 @@ def _work(path_filter: PathFilterLike, batch: Batch, t: float, beats: Any, shown
     for keyframe in batch.keyframes:
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         beats.value += 1
-    is_rough = False
+    is_rough = is_due = False
     if isinstance(path_filter, RefinedFilter):
         if not batch.keyframes:
-            path_filter.refine()
-        is_rough = path_filter.is_rough
+            path_filter.refine(batch.is_quick, lambda: beat(beats))
+        is_rough, is_due = path_filter.is_rough, path_filter.is_due
     estimate = estimate_of(path_filter, t, shown)
-    return Answer(estimate, time.perf_counter() - started, is_rough)
+    return Answer(estimate, time.perf_counter() - started, is_rough, is_due)
+
+
+def beat(beats: Any) -> None:
+    """Show the parent that work goes on."""
+    beats.value += 1

@@ -156,7 +156,7 @@ class Sessions:
         if self.bridge.estimator is None:
             return True
         status = self.bridge.estimator.status()
-        return status.waiting == 0 or status.state == "failed"
+        return self.bridge.estimator.is_settled() or status.state == "failed"
 
     def _put_away(self, summary: SessionSummary, snapshot: Snapshot) -> SessionSummary:
         """Close the recording and keep the map; why that failed stands in the summary; the recording can make it."""

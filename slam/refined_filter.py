@@ -19,7 +19,7 @@ from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
-from slam.refinement import Refinement, RefinementParams
+from slam.refinement import Beat, Refinement, RefinementParams
 from slam.uncertainty import Uncertainty
 from slam.wall_matching import WallPoints, wall_points
 from slam.walls import Walls
@@ -59,6 +59,7 @@ class RefinedFilter:
         self.directions: list[complex] = []
         self.correction: Correction | None = None
         self.n_refined = 0  # vertices that the last refinement knew
+        self.is_quick = False  # whether it was a quick one
 
     @property
     def n_particles(self) -> int:
@@ -82,25 +83,31 @@ class RefinedFilter:
 
     @property
     def is_rough(self) -> bool:
-        """Whether vertices came since the last refinement."""
-        return len(self.odometry) > max(1, self.n_refined)
+        """Whether `refine` would tell more than the last refinement did."""
+        return len(self.odometry) > max(1, self.n_refined) or self.is_quick
 
     @property
     def is_due(self) -> bool:
-        """Whether enough vertices came since the last refinement that another one pays."""
-        return self.is_rough and len(self.odometry) - self.n_refined > SHARE * len(self.odometry)
+        """Whether enough vertices came since the last refinement that a quick one pays."""
+        n = len(self.odometry)
+        return self.is_rough and n - self.n_refined > SHARE * n
 
-    def refine(self) -> None:
-        """Bring the refined path up to date, from the last one where the filter still thinks the same of the past."""
+    def refine(self, is_quick: bool = False, beat: Beat = lambda: None) -> None:
+        """Bring the refined path up to date: a function of the vertices alone, whatever was refined before.
+
+        A quick one goes on from the last, in a single round, where the filter still thinks alike of the past.
+        `beat` is called now and then.
+        """
         if not self.is_rough:
             return
         n = self.n_refined = len(self.odometry)
+        self.is_quick = is_quick and self.correction is not None
         best = self.path_filter.estimate(1).path.astype(float)
         refinement = self.refinement()
         start, rounds = best, None
-        if self.correction is not None and is_like(self.correction.before, best):
+        if is_quick and self.correction is not None and is_like(self.correction.before, best):
             start, rounds = self.correction.apply(best, best, np.arange(n)), 1
-        refined = refinement.run(start, rounds)
+        refined = refinement.run(start, rounds, beat)
         if self.score(refinement, refined.path) <= self.score(refinement, best):
             self.correction = None
             return

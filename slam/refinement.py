@@ -16,7 +16,7 @@ nothing but its arguments.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -29,6 +29,8 @@ from slam.pose import wrap
 from slam.pose_covariance import Covariances
 from slam.pose_graph import Border, NormalEquations, Terms
 from slam.wall_matching import Matching, Nearness, WallMatches, WallPoints
+
+Beat = Callable[[], None]
 
 LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
@@ -162,13 +164,17 @@ class Refinement:
         self.prior = Problem(chain, motion, [], seen, params.outliers)
         self.problem = Problem(chain, motion, [self.matches], seen, params.outliers)
 
-    def run(self, poses: np.ndarray, rounds: int | None = None) -> Refined:
-        """Refine `poses` (n, 3), which are a good guess already, in the last few `rounds` if not in all."""
+    def run(self, poses: np.ndarray, rounds: int | None = None, beat: Beat = lambda: None) -> Refined:
+        """Refine `poses` (n, 3), which are a good guess already, in the last few `rounds` if not in all.
+
+        `beat` is called after each, for those who wait.
+        """
         poses = np.array(poses, float)
         shared, cost, last = self.problem.start(poses), 0.0, self.params.rounds
         for round_ in range(0 if rounds is None else max(0, last - rounds), last):
             self.associate(poses, round_)
             poses, shared, cost = descend(self.problem, poses, shared, self.params.steps)
+            beat()
         return Refined(poses, shared, cost, self.matches.pairs)
 
     def associate(self, poses: np.ndarray, round_: int) -> None:

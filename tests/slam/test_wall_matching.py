@@ -74,7 +74,7 @@ def test_partners_and_their_pull_are_the_slow_twins():
         pose = between(drive.odometry[a], drive.odometry[b])
         of_a, of_b = (slice(walls.starts[v], walls.starts[v + 1]) for v in (a, b))
         partners = np.empty(len(walls.points[of_b]), np.int64)
-        match(walls, a, b, *pose, MATCHING, partners)
+        match(walls, a, b, pose[0], pose[1], pose[2], MATCHING, partners)
         expected = naive.match(
             walls.points[of_a], walls.normals[of_a], walls.points[of_b], walls.normals[of_b], pose,
             MATCHING.gate, MATCHING.cos,
@@ -88,7 +88,8 @@ def test_partners_and_their_pull_are_the_slow_twins():
             )  # fmt: skip
 
         gradient, hessian = np.zeros(3), np.zeros((3, 3))
-        assert pull(walls, b, *pose, MATCHING, partners, gradient, hessian) == pytest.approx(cost(pose))
+        found = pull(walls, b, pose[0], pose[1], pose[2], MATCHING, partners, gradient, hessian)
+        assert found == pytest.approx(cost(pose))
         slopes = [(cost(pose + step) - cost(pose - step)) / 2e-6 for step in 1e-6 * np.eye(3)]
         np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-5)
         assert np.all(np.linalg.eigvalsh(hessian) >= -1e-9)
