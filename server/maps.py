@@ -29,7 +29,7 @@ class FloorMap(NamedTuple):
     """What is drawn and stored: `path` (n, 3), `walls` curves (k, 2) in the world, how many first vertices are settled.
 
     Where there is a `trail`, two arrays (k, 3) of poses, settled and open, it is drawn instead of the path's chords.
-    `spread` (n,) m is how far the particles lie apart at each vertex, where that is known.
+    `spread` (n,) m is the standard deviation of each vertex, where that is known.
     """
 
     path: np.ndarray
