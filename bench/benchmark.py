@@ -90,18 +90,18 @@ class Crew:
     def map(self, run: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], title: str) -> list[Any]:
         """run(*job) of every job, in their order."""
         if self.pool is None:
-            self.pool = ProcessPoolExecutor(self.jobs, initializer=ignore_interrupts)
+            self.pool = ProcessPoolExecutor(self.jobs, initializer=end_when_interrupted)
         return list(watched(self.pool.map(run, *zip(*jobs, strict=True)), title, len(jobs)))
 
     def alone(self, run: Callable[..., Any], *job: Any) -> Any:
         """run(*job) in a fresh process of its own, so that its peak memory is its own."""
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=ignore_interrupts) as pool:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_when_interrupted) as pool:
             return pool.submit(run, *job).result()
 
 
-def ignore_interrupts() -> None:
-    """Ctrl-C ends the benchmark in one place: where it is waited for."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def end_when_interrupted() -> None:
+    """Ctrl-C ends a process that works at once and silently; the one that waits for it tells."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def watched(results: Iterable[Any], title: str, total: int) -> Iterable[Any]:

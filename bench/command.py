@@ -30,7 +30,7 @@ def chosen(names: Sequence[str]) -> list[Bench]:
     by_name = {bench.name: bench for bench in CATALOGUE}
     for name in names:
         if name not in by_name:
-            near = difflib.get_close_matches(name, by_name, 3, 0.5)
+            near = difflib.get_close_matches(name, by_name, 3, 0.7)
             hint = (
                 f"did you mean {' or '.join(f'`{other}`' for other in near)}?"
                 if near

@@ -12,6 +12,7 @@ from bench.benchmark import Bench, Column, Crew, Record, Row, each
 from bench.catalogue import CATALOGUE
 from bench.result import Results, show_table
 from bench.scores import params_of
+from server.__main__ import run as run_command
 from server.errors import UserError
 from server.terminal import benchmarks
 
@@ -157,3 +158,12 @@ def test_what_is_switched_off_is_a_setting():
 def test_a_fresh_process_gives_back_what_it_found():
     with Crew(1) as crew:
         assert crew.alone(square, 3.0, 2)["error"] == 12.0
+
+
+def test_the_command_lists_and_tells_mistakes(capsys):
+    assert run_command(["bench", "--list"], False) == 0
+    assert "| cycle" in capsys.readouterr().out
+    assert run_command(["bench", "cylce"], False) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "crunch: error: `cylce` is no benchmark; did you mean `cycle`?\n"
