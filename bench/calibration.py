@@ -23,6 +23,7 @@ from bench.scores import params_of
 from server.replay import fold
 from server.robots.crunch import Crunch, make_estimator
 from slam.evaluate import revisit_pairs
+from slam.islands import Islands
 from slam.path_filter import PathFilter
 from slam.pose import between
 from slam.refined_filter import Correction, RefinedFilter
@@ -126,8 +127,8 @@ def run(name: str, seed: int) -> dict[str, Record]:
 
 def claims_of(path_filter: RefinedFilter) -> dict[str, Claimant]:
     """Whose claims are looked at."""
-    assert isinstance(path_filter.path_filter, PathFilter)
-    claims = {"particles": particles_claim(path_filter.path_filter)}
+    assert isinstance(path_filter.path_filter, Islands)
+    claims = {"particles": particles_claim(path_filter.path_filter.filter)}
     if path_filter.correction is not None:
         claims["refinement"] = refinement_claim(path_filter.correction)
     return claims

@@ -21,7 +21,7 @@ from bench.recordings import cycle, read
 from bench.roofline import Work, best_time, ceilings
 from bench.scores import params_of
 from server.replay import fold
-from server.robots.crunch import Crunch, make_filter
+from server.robots.crunch import Crunch
 from slam.comparison import room_for_cells
 from slam.counter_random import vertex_key
 from slam.motion import Step, propagate, step_of
@@ -93,8 +93,7 @@ def state_of(seed: int) -> State:
     """A filter that has driven one and a half laps."""
     params = params_of(filter={"particles": PARTICLES})
     drive = fold(read(cycle(seed, "medium", 1.8))[0], Crunch(params), lambda keyframe: None)
-    path_filter = make_filter(params, seed, threads=2)
-    assert isinstance(path_filter, PathFilter)
+    path_filter = PathFilter(params.filter_params(), seed, threads=2)
     for keyframe in drive.keyframes[:VERTICES]:
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
     new, tree = drive.keyframes[VERTICES], path_filter.tree

@@ -22,7 +22,7 @@ from server.replay import fold, warm_up
 from server.report import peak_rss_mb
 from server.robots.crunch import Crunch, make_filter
 from slam.evaluate import absolute_error, revisits
-from slam.path_filter import PathFilter
+from slam.islands import Islands
 from slam.timeline import associate
 from slam.trajectory import correct
 
@@ -38,17 +38,16 @@ def run(particles: int, seed: int) -> Record:
     warm_up(params, THREADS)
     before_mb = peak_rss_mb()
     path_filter = make_filter(params, seed, THREADS)
-    assert isinstance(path_filter, PathFilter)
+    assert isinstance(path_filter, Islands)
     seconds, most_nodes, kept_nodes = [], 0, 0
     for keyframe in drive.keyframes:
         resamplings = path_filter.resamplings
         began = time.perf_counter()
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         seconds.append(time.perf_counter() - began)
-        assert path_filter.tree is not None
-        most_nodes = max(most_nodes, path_filter.tree.n_nodes)
+        most_nodes = max(most_nodes, path_filter.n_nodes)
         if path_filter.resamplings > resamplings:
-            kept_nodes = max(kept_nodes, path_filter.tree.n_nodes)
+            kept_nodes = max(kept_nodes, path_filter.n_nodes)
     estimate = path_filter.estimate()
     matches = associate(drive.times, times)
     mapped = correct(drive.odometry, drive.rows, estimate.path)[matches.rows]

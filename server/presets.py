@@ -15,6 +15,7 @@ THESIS: dict[str, Any] = {
         "walls": {"thickness": 1e-3},  # the first point above the threshold
         "vfh": {"radial_sum": True, "robot_radius": 0.0, "clearance": 0.0},
         "filter": {
+            "islands": 1,
             "motion": {"rotation_noise": 0.0, "turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0},
             "direction": {"gain": 0.0},
             "comparison": {

@@ -44,7 +44,8 @@ class DirectionParams(Params):
 class PathFilterParams(Params):
     """Size of the filter and when it resamples; how paths are extended and compared."""
 
-    particles: int = Field(default=5000, ge=1, le=2_000_000)
+    particles: int = Field(default=20_000, ge=1, le=2_000_000)
+    islands: int = Field(default=8, ge=1, le=64)  # filters that never mix (`slam.islands`), of 2,500 particles at least
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
     reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()
@@ -69,7 +70,8 @@ class PathEstimate(NamedTuple):
 class PathFilter:
     """The filter: `extend` by a vertex, `estimate` when asked."""
 
-    def __init__(self, params: PathFilterParams, seed: int = 0, threads: int = 1):
+    def __init__(self, params: PathFilterParams, seed: int = 0, threads: int = 1, shared: Observations | None = None):
+        """`shared` are observations that someone else keeps and adds to before each vertex."""
         n = params.particles
         motion = params.motion
         self.params = params
@@ -77,7 +79,8 @@ class PathFilter:
         self.threads = threads
         self.pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.noise = np.array([motion.turn_noise, motion.distance_noise, motion.rotation_noise])
-        self.observations = Observations(params.comparison, params.reach)
+        self.observations = shared or Observations(params.comparison, params.reach)
+        self.is_sharing = shared is not None
         self.vertices = 0
         self.odometry = np.zeros(3)
         self.tree: PathTree | None = None
@@ -96,7 +99,8 @@ class PathFilter:
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
         """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""
         pose = np.array(pose, float)
-        self.observations.add(walls)
+        if not self.is_sharing:
+            self.observations.add(walls)
         if self.tree is None:
             self.tree = PathTree(self.n_particles, pose)
             newest = np.broadcast_to(self.tree.nodes.poses[:1], (self.n_particles, 3))
@@ -200,6 +204,12 @@ class PathFilter:
     def best(self) -> int:
         """The particle of greatest affinity and plausibility."""
         return int(np.argmax(self.particles.affinities + self.particles.plausibilities))
+
+    def best_path(self) -> np.ndarray:
+        """Its path (n, 3); RuntimeError before the first vertex."""
+        if self.tree is None:
+            raise RuntimeError("the filter has seen no vertex yet")
+        return self.tree.path(self.best())
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """How certain each vertex is; RuntimeError before the first one."""

@@ -1,8 +1,9 @@
 """A path filter whose estimate is its best path refined, so that the map people see is the refined one.
 
-The filter itself goes on undisturbed: refinement changes what is told, not what is believed. `refine` may take a second
-for a thousand vertices and is called when there is time for it; `estimate` costs nothing more than the filter's, and
-hangs vertices that came since on the refined path's end.
+The filter itself goes on undisturbed, except that the island whose refined path scores best is the one that is told.
+`refine` may take a second for a thousand vertices and island, and is called when there is time for it; `estimate` costs
+nothing more than the filter's, and hangs vertices that came since on the refined path's end. Uses its siblings
+`islands`, `local_search`, `path_filter` and `refinement`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ import numpy as np
 
 from slam.affinity import wall_direction
 from slam.comparison import path_affinity
+from slam.islands import Islands
 from slam.local_search import LocalSearch
 from slam.motion import MotionParams
 from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
-from slam.refinement import Beat, Refinement, RefinementParams
+from slam.refinement import Beat, Refined, Refinement, RefinementParams
 from slam.uncertainty import Uncertainty
 from slam.wall_matching import WallPoints, wall_points
 from slam.walls import Walls
@@ -49,7 +51,7 @@ class Correction(NamedTuple):
 class RefinedFilter:
     """Extends a filter, or a local search, by `refine`; the rest of its face stays the same."""
 
-    def __init__(self, path_filter: PathFilter | LocalSearch, motion: MotionParams, params: RefinementParams):
+    def __init__(self, path_filter: Islands | PathFilter | LocalSearch, motion: MotionParams, params: RefinementParams):
         self.path_filter = path_filter
         self.motion = motion
         self.params = params
@@ -102,12 +104,16 @@ class RefinedFilter:
             return
         n = self.n_refined = len(self.odometry)
         self.is_quick = is_quick and self.correction is not None
-        best = self.path_filter.estimate(1).path.astype(float)
         refinement = self.refinement()
-        start, rounds = best, None
-        if is_quick and self.correction is not None and is_like(self.correction.before, best):
-            start, rounds = self.correction.apply(best, best, np.arange(n)), 1
-        refined = refinement.run(start, rounds, beat)
+        if self.is_quick:
+            best = self.path_filter.estimate(1).path.astype(float)
+            if self.correction is not None and is_like(self.correction.before, best):
+                start, rounds = self.correction.apply(best, best, np.arange(n)), 1
+            else:
+                start, rounds = best, None
+            refined = refinement.run(start, rounds, beat)
+        else:
+            best, refined = self.best_of_islands(refinement, beat)
         if self.score(refinement, refined.path) <= self.score(refinement, best):
             self.correction = None
             return
@@ -115,6 +121,20 @@ class RefinedFilter:
         marginals = covariances.marginals()
         seen = covariances.seen_from(n - 1, marginals)
         self.correction = Correction(best, refined.path, covariances, spread_of(marginals), spread_of(seen))
+
+    def best_of_islands(self, refinement: Refinement, beat: Beat) -> tuple[np.ndarray, Refined]:
+        """The path (n, 3), and what became of it, of the island whose refined path scores best; it is believed."""
+        if not isinstance(self.path_filter, Islands):
+            best = self.path_filter.estimate(1).path.astype(float)
+            return best, refinement.run(best, None, beat)
+        paths = self.path_filter.candidates()
+        refined = [refinement.run(path, None, beat) for path in paths]
+        scores = [self.score(refinement, one.path) for one in refined]
+        best = int(np.argmax(scores))
+        self.path_filter.believe(best)
+        if best != len(paths) - 1:  # the covariances are of the path that was matched last
+            refined[best] = refinement.run(paths[best], None, beat)
+        return paths[best], refined[best]
 
     def refinement(self) -> Refinement:
         """The problem of all vertices so far."""

@@ -37,10 +37,11 @@ from server.messages import (
 from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
 from server.robots.pilot import Pilot, Reins
+from slam.islands import Islands
 from slam.local_map import LocalMap, LocalMapParams
 from slam.local_search import LocalSearch, LocalSearchParams
 from slam.params import Params
-from slam.path_filter import PathFilter, PathFilterParams
+from slam.path_filter import PathFilterParams
 from slam.pose import between, compose, transform
 from slam.rangefinder import RingParams, crunch_sensors
 from slam.refined_filter import RefinedFilter
@@ -84,11 +85,11 @@ def make_estimator(params: CrunchParams, seed: int = 0, threads: int = 1) -> Ref
     return RefinedFilter(make_filter(params, seed, threads), params.filter.motion, params.refinement)
 
 
-def make_filter(params: CrunchParams, seed: int = 0, threads: int = 1) -> PathFilter | LocalSearch:
-    """The path filter, or the local search, that the parameters choose; both have one face."""
+def make_filter(params: CrunchParams, seed: int = 0, threads: int = 1) -> Islands | LocalSearch:
+    """The path filters, or the local search, that the parameters choose; both have one face."""
     chosen = params.filter_params()
     if params.estimator == "filter":
-        return PathFilter(chosen, seed, threads)
+        return Islands(chosen, seed, threads)
     search = LocalSearchParams(
         perturbations=params.perturbations, reach=chosen.reach, motion=chosen.motion, comparison=chosen.comparison
     )

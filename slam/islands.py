@@ -1,0 +1,102 @@
+"""Path filters that never mix: every island holds a hypothesis of its own where one filter would have lost all but one.
+
+A filter that closed a loop wrongly has no particle left that closed it rightly, and its weights could not have told:
+they are of random paths, each bent by as much noise as it drew. Islands find different ways through the same walls, and
+the refined best path of each can be told from the others by affinity and plausibility. What all islands saw is stored
+once; each has its own random numbers and one thread at a time. Uses its sibling `path_filter`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from slam.comparison import Observations
+from slam.counter_random import bits
+from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
+from slam.uncertainty import Uncertainty
+from slam.walls import Walls
+
+SMALLEST = 2500  # particles of an island; fewer do not close a long loop surely
+SEED = 32  # stream of random numbers, apart from the filters' and the local search's
+
+
+class Islands:
+    """As many islands as the parameters allow and the particles fill; the same face as one path filter."""
+
+    def __init__(self, params: PathFilterParams, seed: int = 0, threads: int = 1):
+        n = max(1, min(params.islands, params.particles // SMALLEST))
+        inner = max(1, threads // n)
+        self.params = params
+        self.pool = ThreadPoolExecutor(min(threads, n)) if min(threads, n) > 1 else None
+        self.observations = Observations(params.comparison, params.reach)
+        self.filters = [
+            PathFilter(params.model_copy(update={"particles": size}), seed_of(seed, island), inner, self.observations)
+            for island, size in enumerate(sizes_of(params.particles, n))
+        ]
+        self.believed = 0  # the island whose path is told
+
+    @property
+    def n_particles(self) -> int:
+        """How many particles there are now on all islands."""
+        return sum(island.n_particles for island in self.filters)
+
+    @property
+    def n_nodes(self) -> int:
+        """How many nodes the islands' trees have."""
+        return sum(island.tree.n_nodes for island in self.filters if island.tree is not None)
+
+    @property
+    def resamplings(self) -> int:
+        """How often any island was resampled."""
+        return sum(island.resamplings for island in self.filters)
+
+    @property
+    def filter(self) -> PathFilter:
+        """The believed island's."""
+        return self.filters[self.believed]
+
+    def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
+        """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""
+        self.observations.add(walls)
+        self.on_all(lambda island: island.extend(pose, walls, travelled))
+
+    def on_all(self, task: Callable[[PathFilter], Any]) -> None:
+        """Run a task for each island, on as many threads as there are."""
+        list(map(task, self.filters) if self.pool is None else self.pool.map(task, self.filters))
+
+    def resize(self, n_particles: int) -> None:
+        """Change the number of particles, keeping the islands and their distributions."""
+        for island, size in zip(self.filters, sizes_of(n_particles, len(self.filters)), strict=True):
+            island.resize(size)
+
+    def candidates(self) -> list[np.ndarray]:
+        """Each island's best path (n, 3); RuntimeError before the first vertex."""
+        return [island.best_path() for island in self.filters]
+
+    def believe(self, island: int) -> None:
+        """Tell this island's path from now on."""
+        self.believed = island
+
+    def uncertainty(self, n_leaves: int) -> Uncertainty:
+        """How certain each vertex of the believed island is; RuntimeError before the first one."""
+        return self.filter.uncertainty(n_leaves)
+
+    def estimate(self, max_particles: int = 500) -> PathEstimate:
+        """What the believed island knows now; RuntimeError before the first vertex."""
+        effective = sum(island.effective for island in self.filters)
+        now = self.filter.estimate(max_particles)
+        return now._replace(n_particles=self.n_particles, effective_particles=effective)
+
+
+def seed_of(seed: int, island: int) -> int:
+    """An island's own seed; the first one's is the filter's, so that one island is one filter."""
+    return seed if island == 0 else int(bits(seed, 0, island, SEED)) >> 1
+
+
+def sizes_of(n_particles: int, n_islands: int) -> list[int]:
+    """How many particles each island has; none has fewer than one."""
+    return [max(1, (n_particles + island) // n_islands) for island in range(n_islands)]

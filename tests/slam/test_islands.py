@@ -1,0 +1,101 @@
+"""Islands are path filters that share what was seen and nothing else; the one whose refined path is best is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slam import islands
+from slam.comparison import ComparisonParams
+from slam.islands import Islands, sizes_of
+from slam.motion import MotionParams
+from slam.path_filter import PathFilter, PathFilterParams
+from slam.refined_filter import RefinedFilter
+from slam.refinement import RefinementParams
+from tests.slam.drives import REACH, laps
+
+MOTION = MotionParams(turn_noise=0.04, distance_noise=0.04)
+
+
+@pytest.fixture(autouse=True)
+def small_islands(monkeypatch):
+    """Islands of 60 particles, so that a test has several."""
+    monkeypatch.setattr(islands, "SMALLEST", 60)
+
+
+def params_of(particles, n_islands=4):
+    return PathFilterParams(
+        particles=particles, islands=n_islands, reach=REACH, motion=MOTION, comparison=ComparisonParams(gap=6)
+    )
+
+
+def drive_on(estimator, drive):
+    for pose, walls, travelled in zip(drive.odometry, drive.walls, drive.travelled, strict=True):
+        estimator.extend(pose, walls, travelled)
+    return estimator
+
+
+@pytest.mark.parametrize(("particles", "n_islands", "expected"), [
+    (59, 4, [59]), (120, 4, [60, 60]), (242, 4, [60, 60, 61, 61]), (1000, 3, [333, 333, 334]), (500, 1, [500]),
+])  # fmt: skip
+def test_particles_fill_as_many_islands_as_they_can(particles, n_islands, expected):
+    found = Islands(params_of(particles, n_islands))
+    assert [island.n_particles for island in found.filters] == expected
+    assert found.n_particles == particles
+
+
+def test_one_island_is_one_filter():
+    drive = laps(1.3, noise=1.0, seed=1)
+    alone, one = drive_on(PathFilter(params_of(200), 5), drive), drive_on(Islands(params_of(200, 1), 5), drive)
+    for field, expected in zip(one.estimate(), alone.estimate(), strict=True):
+        np.testing.assert_array_equal(field, expected)
+
+
+def test_each_island_is_the_filter_of_its_seed_and_they_differ():
+    drive = laps(1.3, noise=1.0, seed=2)
+    found = drive_on(Islands(params_of(240), 5), drive)
+    paths = found.candidates()
+    for island, path in enumerate(paths):
+        alone = PathFilter(params_of(60), islands.seed_of(5, island))
+        np.testing.assert_array_equal(drive_on(alone, drive).estimate().path, path)
+    assert len({path.tobytes() for path in paths}) == 4
+
+
+def test_threads_change_nothing():
+    drive = laps(1.3, noise=1.0, seed=3)
+    told = [drive_on(Islands(params_of(240), 7, threads), drive).candidates() for threads in (1, 2, 3, 9)]
+    assert len({b"".join(path.tobytes() for path in paths) for paths in told}) == 1
+
+
+def test_resizing_keeps_the_islands():
+    drive = laps(1.1, noise=1.0, seed=4)
+    found = drive_on(Islands(params_of(240)), drive)
+    for size in (400, 30, 2):
+        found.resize(size)
+        assert len(found.filters) == 4
+        assert found.n_particles == max(size, 4)
+        assert found.estimate().n_particles == found.n_particles
+
+
+def test_the_island_of_the_best_refined_path_is_told(monkeypatch):
+    monkeypatch.setattr(islands, "SMALLEST", 5)  # so few that some lose the loop
+    drive = laps(2.2, noise=1.5, turn_bias=0.03, seed=5)
+    estimator = RefinedFilter(Islands(params_of(20), 1), MOTION, RefinementParams(gap=6))
+    drive_on(estimator, drive)
+    estimator.refine()
+    refinement = estimator.refinement()
+    filters = estimator.path_filter
+    assert isinstance(filters, Islands)
+    scores = [estimator.score(refinement, refinement.run(path).path) for path in filters.candidates()]
+    assert filters.believed == int(np.argmax(scores))
+    assert estimator.score(refinement, estimator.estimate().path) == pytest.approx(max(scores), abs=1e-6)
+    assert max(scores) > min(scores) + 1.0, "islands that agree would prove nothing"
+
+
+def test_before_the_first_vertex_there_is_nothing_to_tell():
+    found = Islands(params_of(240))
+    assert found.n_nodes == 0
+    for ask in (found.estimate, found.candidates, lambda: found.uncertainty(4)):
+        with pytest.raises(RuntimeError, match="no vertex"):
+            ask()
+    assert sizes_of(3, 4) == [1, 1, 1, 1]
