@@ -79,7 +79,7 @@ def test_resizing_keeps_the_islands():
 
 def test_the_island_of_the_best_refined_path_is_told(monkeypatch):
     monkeypatch.setattr(islands, "SMALLEST", 5)  # so few that some lose the loop
-    drive = laps(2.2, noise=1.5, turn_bias=0.03, seed=5)
+    drive = laps(2.2, noise=3.0, turn_bias=0.06, seed=6)
     estimator = RefinedFilter(Islands(params_of(20), 1), MOTION, RefinementParams(gap=6))
     drive_on(estimator, drive)
     estimator.refine()
