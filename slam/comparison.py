@@ -110,7 +110,9 @@ def path_affinity(poses, first, seen, rule):
         x, y = poses[newest, 0], poses[newest, 1]
         for other in range(newest - rule.gap, -1, -1):
             dx, dy = poses[other, 0] - x, poses[other, 1] - y
-            keep_nearest(near, where, 0, dx * dx + dy * dy, other)
+            square = dx * dx + dy * dy
+            if square < near[0, -1]:  # most are not, and are passed over five times as fast
+                keep_nearest(near, where, 0, square, other)
         for other in where[0]:
             if other >= 0:
                 total += pair_affinity(
