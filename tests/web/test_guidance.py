@@ -107,10 +107,15 @@ def test_a_goal_goes_on_while_the_page_is_visible_and_ends_when_it_is_hidden(ser
 def test_a_click_proposes_a_goal_and_the_button_drives_there(served: Served, visit: Open):
     page = dismiss(look(served, visit))
     page.page.locator("#limit").fill("0.1")  # it is not to arrive before it is called back
-    left, top = page.value(f"crunch.map.toScreen({far_place(served)})")
-    box = page.page.locator("#map").bounding_box()
-    assert box is not None
-    page.page.mouse.click(box["x"] + left, box["y"] + top)
+    page.value("crunch.map.zoom(0.5)")  # so that both places are in sight
+
+    def is_proposed() -> bool:  # the page may have moved under the click
+        left, top = page.value(f"crunch.map.toScreen({far_place(served)})")
+        box = page.page.locator("#map").bounding_box() or {"x": 0.0, "y": 0.0}
+        page.page.mouse.click(box["x"] + left, box["y"] + top)
+        return page.page.is_visible("#goal-card")
+
+    wait_until(is_proposed)
     assert served.status()["driver"]["goal"] is None, "a click alone moves nothing"
     page.page.click("#goal-go")
     wait_until(lambda: served.status()["driver"]["goal"])
