@@ -21,6 +21,7 @@ from slam.affinity import (
     pattern_of,
     point_affinity,
     segment_affinity,
+    wall_direction,
     wall_segments,
 )
 from slam.params import Params
@@ -123,7 +124,11 @@ def path_affinity(poses, first, seen, rule):
 
 
 class Observations:
-    """What the affinity looks at, by vertex: `labels` (capacity, size, size) int8, or `segments` (capacity, k, 5)."""
+    """What is kept of every vertex's walls, by vertex.
+
+    What the affinity looks at, `labels` (capacity, size, size) int8 or `segments` (capacity, k, 5), and the dominant
+    `directions` as of `slam.affinity.wall_direction`.
+    """
 
     def __init__(self, params: ComparisonParams, reach: float):
         affinity = params.affinity
@@ -133,6 +138,7 @@ class Observations:
         self.n_vertices = 0
         self.labels = np.zeros((64, self.size, self.size) if affinity.kind == "points" else (1, 1, 1), np.int8)
         self.segments = np.zeros((1, 1, 5))
+        self.directions: list[complex] = []
         self.rule = Rule(
             params.neighbours,
             params.range,
@@ -150,6 +156,7 @@ class Observations:
 
     def add(self, walls: Walls) -> None:
         """Keep what will be compared of the next vertex's walls."""
+        self.directions.append(wall_direction(walls))
         if self.affinity.kind == "points":
             if self.n_vertices == self.labels.shape[0]:
                 self.labels = np.concatenate([self.labels, np.zeros_like(self.labels)])

@@ -17,7 +17,6 @@ import numpy as np
 from pydantic import Field
 
 from slam import resampling
-from slam.affinity import wall_direction
 from slam.comparison import ComparisonParams, Observations
 from slam.counter_random import uniform, vertex_key
 from slam.motion import OFFSET, SCALE_BIAS, TURN_BIAS, MotionParams, Step, draw_biases, step_of
@@ -104,24 +103,21 @@ class PathFilter:
         if self.tree is None:
             self.tree = PathTree(self.n_particles, pose)
             newest = np.broadcast_to(self.tree.nodes.poses[:1], (self.n_particles, 3))
-            self.in_parts(self.n_particles, self.alignment(newest, walls))
+            self.in_parts(self.n_particles, self.alignment(newest))
         else:
             motion = between(self.odometry, pose)
             way = float(np.hypot(*motion[:2])) if travelled is None else travelled
-            self.extend_paths(self.tree, walls, step_of(motion, way, self.noise))
+            self.extend_paths(self.tree, step_of(motion, way, self.noise))
         self.odometry = pose
         self.vertices += 1
         self.resample_if_needed()
 
-    def extend_paths(self, tree: PathTree, walls: Walls, step: Step) -> None:
+    def extend_paths(self, tree: PathTree, step: Step) -> None:
         """Extend every path by the motion model, and weigh it by what the newest vertex saw."""
         start = tree.grow()
-        key, seen, rule = (
-            np.uint64(vertex_key(self.seed, self.vertices)),
-            self.observations.seen,
-            self.observations.rule,
-        )
-        align = self.alignment(tree.nodes.poses[start : tree.n_nodes], walls)
+        key = np.uint64(vertex_key(self.seed, self.vertices))
+        seen, rule = self.observations.seen, self.observations.rule
+        align = self.alignment(tree.nodes.poses[start : tree.n_nodes])
 
         def task(low: int, high: int) -> None:
             extend(tree.nodes, tree.leaves, self.vertices, self.particles, step, key, seen, rule, low, high)
@@ -130,21 +126,13 @@ class PathFilter:
         self.in_parts(self.n_particles, task)
         tree.settle()
 
-    def alignment(self, poses: np.ndarray, walls: Walls) -> Task:
+    def alignment(self, poses: np.ndarray) -> Task:
         """What weighs particles at `poses` (n, 3) by the building's dominant wall directions, as far as it has any."""
-        direction = self.params.direction
-        if direction.gain == 0.0:
+        params, seen = self.params.direction, self.observations.directions[-1]
+        if params.gain == 0.0:
             return lambda low, high: None
-        seen = wall_direction(walls)
         return lambda low, high: align(
-            poses,
-            self.particles,
-            (seen.real, seen.imag),
-            direction.gain,
-            direction.memory,
-            direction.outliers,
-            low,
-            high,
+            poses, self.particles, (seen.real, seen.imag), params.gain, params.memory, params.outliers, low, high
         )
 
     def in_parts(self, n: int, task: Task) -> None:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam.affinity import wall_direction
 from slam.comparison import path_affinity
 from slam.islands import Islands
 from slam.local_search import LocalSearch
@@ -58,7 +57,6 @@ class RefinedFilter:
         self.odometry: list[np.ndarray] = []
         self.travelled: list[float] = []
         self.points: list[WallPoints] = []
-        self.directions: list[complex] = []
         self.correction: Correction | None = None
         self.n_refined = 0  # vertices that the last refinement knew
         self.is_quick = False  # whether it was a quick one
@@ -81,7 +79,6 @@ class RefinedFilter:
         self.odometry.append(np.array(pose, float))
         self.travelled.append(float(moved) if travelled is None else travelled)
         self.points.append(wall_points([walls]))
-        self.directions.append(wall_direction(walls))
 
     @property
     def is_rough(self) -> bool:
@@ -97,20 +94,20 @@ class RefinedFilter:
     def refine(self, is_quick: bool = False, beat: Beat = lambda: None) -> None:
         """Bring the refined path up to date: a function of the vertices alone, whatever was refined before.
 
-        A quick one goes on from the last, in a single round, where the filter still thinks alike of the past.
+        A quick one is of the believed island alone, and goes on from the last, in a single round, where the filter
+        still thinks alike of the past.
         `beat` is called now and then.
         """
         if not self.is_rough:
             return
         n = self.n_refined = len(self.odometry)
-        self.is_quick = is_quick and self.correction is not None
+        self.is_quick = is_quick
         refinement = self.refinement()
-        if self.is_quick:
+        if is_quick:
             best = self.path_filter.estimate(1).path.astype(float)
+            start, rounds = best, None
             if self.correction is not None and is_like(self.correction.before, best):
                 start, rounds = self.correction.apply(best, best, np.arange(n)), 1
-            else:
-                start, rounds = best, None
             refined = refinement.run(start, rounds, beat)
         else:
             best, refined = self.best_of_islands(refinement, beat)
@@ -139,7 +136,8 @@ class RefinedFilter:
     def refinement(self) -> Refinement:
         """The problem of all vertices so far."""
         chain = Chain(Chain.along(np.array(self.odometry)).motions, np.array(self.travelled))
-        return Refinement(chain, joined(self.points), self.motion, self.params, np.array(self.directions))
+        directions = np.array(self.path_filter.observations.directions)
+        return Refinement(chain, joined(self.points), self.motion, self.params, directions)
 
     def prepare(self) -> None:
         """Compile or load every kernel that `refine` needs, so that its first call takes no longer than others."""

@@ -24,12 +24,11 @@ class Shape(Protocol):
     """A region of the floor; `bounds` (4,) are left, bottom, right, top."""
 
     @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        raise NotImplementedError
+    def bounds(self) -> tuple[float, float, float, float]: ...
 
     def distances(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Signed distance (m) of points from its border, negative inside."""
-        raise NotImplementedError
+        ...
 
 
 @dataclass(frozen=True)
