@@ -55,7 +55,7 @@ class Config(BaseSettings):
 
     model_config = SettingsConfigDict(extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__")
 
-    preset: Literal["default", "thesis", "crazyflie"] = "default"
+    preset: Literal["default", "thesis", "beams", "crazyflie"] = "default"
     crunch: CrunchParams = CrunchParams()
     estimator: EstimatorParams = EstimatorParams()
     control: ControlParams = ControlParams()

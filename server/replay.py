@@ -27,6 +27,10 @@ from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
 from server.recorded import check_rings, open_log
 from server.report import Report, describe_machine, peak_rss_mb
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
+from slam.bundle import bundle
+from slam.echoes import Echoes, EchoLog
+from slam.evaluate import path_length
+from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
 from slam.trajectory import correct
@@ -59,6 +63,7 @@ class Drive:
     odometry: np.ndarray
     keyframes: list[Keyframe]
     rows: np.ndarray  # (v,) odometry row of each keyframe
+    echoes: Echoes  # of thin beams; none where they are not to be bundled
 
     @property
     def walls(self) -> list[Walls]:
@@ -107,6 +112,9 @@ def run_log(
     refined = time.perf_counter()
     estimate = path_filter.estimate()
     trajectory = correct(drive.odometry, drive.rows, estimate.path)
+    if len(drive.echoes.points):
+        trajectory = bundled(drive, trajectory, params)
+        estimate = estimate._replace(path=trajectory[drive.rows])
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
@@ -119,6 +127,15 @@ def run_log(
     return Result(drive, estimate, trajectory, seconds)
 
 
+def bundled(drive: Drive, trajectory: np.ndarray, params: CrunchParams) -> np.ndarray:
+    """The trajectory (n, 3) after the echoes of thin beams along it have been bundled."""
+    rows = drive.echoes.rows
+    way = path_length(drive.odometry)[rows]
+    chain = Chain.along(drive.odometry[rows], np.diff(way, prepend=way[0]))
+    nodes = bundle(trajectory[rows], chain, drive.echoes, params.filter.motion, params.bundle).path
+    return correct(drive.odometry, rows, nodes)
+
+
 def with_sensors(params: CrunchParams, log: Log) -> CrunchParams:
     """The robot with the senses that the log was made with; ConfigError where the robot's own do not fit it."""
     if log.sensors:
@@ -129,6 +146,8 @@ def with_sensors(params: CrunchParams, log: Log) -> CrunchParams:
 
 def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: Progress | None = None) -> Drive:
     """Step the robot through a log, in file order; each keyframe goes to `extend`."""
+    wanted = robot.params.bundle
+    echo_log = EchoLog(wanted.echoes)
     times: list[float] = []
     poses: list[np.ndarray] = []
     keyframes: list[Keyframe] = []
@@ -145,6 +164,8 @@ def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: 
                 progress(len(times))
         elif isinstance(message, Ranges):
             has_ranges = True
+            if wanted.rounds > 0 and robot.sweep is not None:
+                echo_log.look(len(times) - 1, robot.odometry, robot.sweep)
         for effect in effects:
             if isinstance(effect, Keyframe):
                 keyframes.append(effect)
@@ -153,7 +174,7 @@ def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: 
         keyframes.append(effect)
         extend(effect)
     check_complete(log, bool(times), has_ranges, bool(keyframes))
-    return Drive(np.array(times), np.array(poses), keyframes, np.array(rows))
+    return Drive(np.array(times), np.array(poses), keyframes, np.array(rows), echo_log.echoes())
 
 
 def check_complete(log: Log, has_odometry: bool, has_ranges: bool, has_vertices: bool) -> None:

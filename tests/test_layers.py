@@ -19,10 +19,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field",
-        "slam.evaluate", "slam.local_map", "slam.map_alignment", "slam.motion", "slam.odometry_chain", "slam.particles",
-        "slam.path_tree", "slam.planning", "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder",
-        "slam.resampling", "slam.suggestions", "slam.thinning", "slam.timeline", "slam.trajectory", "slam.uncertainty",
-        "slam.vfh", "slam.wall_matching", "slam.walls",
+        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.local_map", "slam.map_alignment", "slam.motion",
+        "slam.odometry_chain", "slam.particles", "slam.path_tree", "slam.planning", "slam.pose_covariance",
+        "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.suggestions", "slam.thinning", "slam.timeline",
+        "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.wall_matching", "slam.walls",
     ),
     (
         "server", "server.channels", "server.clock", "server.errors", "server.formats", "server.formats.atomic",
@@ -30,7 +30,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.g2o", "server.formats.logs", "server.formats.relations", "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
         "server.presets", "server.recording", "server.transport", "server.words",
-        "slam.islands", "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refinement",
+        "slam.bundle", "slam.islands", "slam.local_search", "slam.path_filter", "slam.refined_filter",
+        "slam.refinement",
     ),
     (
         "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry",

@@ -119,6 +119,7 @@ def carmen_log(path: Path, reduction: sparse.Reduction) -> Log:
         source=lambda _: sparse.messages(recording, sensors),
         sensors={sensor.name: sensor.ring for sensor in sensors},
         n_odometry=len(recording.odometry),
+        configuration={} if reduction.beams is None else {"preset": "beams"},
         mount=recording.mount,
         truncated_at=recording.truncated_at,
         warnings=tuple(warnings),

@@ -37,6 +37,8 @@ from server.messages import (
 from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
 from server.robots.pilot import Pilot, Reins
+from slam.bundle import BundleParams
+from slam.echoes import Sweep
 from slam.islands import Islands
 from slam.local_map import LocalMap, LocalMapParams
 from slam.local_search import LocalSearch, LocalSearchParams
@@ -73,6 +75,7 @@ class CrunchParams(Params):
     perturbations: int = Field(default=100, ge=0, le=10_000)  # that the local search tries at every vertex
     filter: PathFilterParams = PathFilterParams()
     refinement: RefinementParams = RefinementParams()  # of the filter's best path, for what is shown and written
+    bundle: BundleParams = BundleParams()
 
     def filter_params(self) -> PathFilterParams:
         """The path filter's parameters, with the local map's reach filled in."""
@@ -122,6 +125,7 @@ class Crunch:
         self.estimate: Estimate | None = None
         self.best_walls: list[np.ndarray] = []  # the map of the estimate
         self.last_ranges: dict[str, np.ndarray] = {}
+        self.sweep: Sweep | None = None  # that was fused last
         self.balance: Balance | None = None
         self.power: Power | None = None
         self.boards: dict[str, Status] = {}
@@ -214,6 +218,7 @@ class Crunch:
             pose = np.array([x, y, theta])
         self.local_map.move(self.odometry)
         self.local_map.fuse(message.sensor, believed, pose, tilt)
+        self.sweep = Sweep(message.sensor, self.params.sensors[message.sensor], believed, pose, tilt)
         self.has_seen, self.looked = True, self.t
         return self.steer()
 

@@ -99,6 +99,12 @@ def test_thinned_beams_are_evenly_spread(tmp_path):
     assert np.all(np.isinf(sensed(tmp_path / "a.log", beams=11, max_range=2.0)["laser"][6:]))
 
 
+def test_thinned_beams_bring_their_preset_and_crunchs_senses_none(tmp_path):
+    write_one(tmp_path / "a.log", np.ones(181))
+    assert read_log(tmp_path / "a.log", beams=11).configuration == {"preset": "beams"}
+    assert not read_log(tmp_path / "a.log").configuration
+
+
 def test_a_laser_that_sees_all_round_gives_all_eight():
     bearings = np.radians(np.arange(-180, 180))
     sensors = {sensor.name: sensor for sensor in sensors_of(bearings, Reduction())}
