@@ -1,0 +1,44 @@
+"""The noise of a sonar is found again from readings that were made with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slam.sonar_noise import fit, fit_bands
+
+
+def made(sigma: float, outliers: float, silence: float, n: int = 400, low: float = 0.5, seed: int = 1) -> np.ndarray:
+    """Sets (n, 25) of ranges from `low` on."""
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(low, low + 0.5, (n, 1)) + rng.normal(0.0, sigma, (n, 25))
+    strays = rng.uniform(size=ranges.shape) < outliers
+    ranges[strays] = rng.uniform(0.1, 2.5, int(strays.sum()))
+    ranges[rng.uniform(size=ranges.shape) < silence] = np.inf
+    return ranges
+
+
+@pytest.mark.parametrize(("sigma", "outliers", "silence"), [(0.01, 0.0, 0.0), (0.004, 0.03, 0.01), (0.008, 0.1, 0.2)])
+def test_what_went_in_comes_out(sigma, outliers, silence):
+    found = fit(made(sigma, outliers, silence))
+    assert found[0] == pytest.approx(sigma, rel=0.1)  # the middle is one of the readings; strays near it count as noise
+    assert found[1] == pytest.approx(outliers, abs=0.015)
+    assert found[2] == pytest.approx(silence, abs=0.01)
+
+
+def test_equal_readings_spread_by_their_rounding():
+    assert fit(np.full((5, 25), 1.2))[0] == pytest.approx(0.001 / np.sqrt(12.0))
+
+
+def test_bands_are_told_apart_and_empty_ones_left_out():
+    ranges = np.concatenate([made(0.005, 0.0, 0.0, low=0.2), made(0.01, 0.05, 0.1, low=2.0), np.full((9, 25), np.inf)])
+    bands = fit_bands(ranges, np.array([0.0, 1.0, 1.5, 3.0]))
+    assert [(band.nearest, band.farthest, band.n_sets) for band in bands] == [(0.0, 1.0, 400), (1.5, 3.0, 400)]
+    for band, sigma in zip(bands, (0.005, 0.01), strict=True):
+        assert band.intervals[0, 0] <= band.sigma <= band.intervals[0, 1]
+        assert band.sigma == pytest.approx(sigma, rel=0.1)
+
+
+def test_one_repeat_tells_nothing():
+    with pytest.raises(ValueError, match="two repeats"):
+        fit_bands(np.ones((5, 1)), np.array([0.0, 2.0]))
