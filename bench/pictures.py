@@ -47,8 +47,9 @@ def calibration(result: Result) -> Figure:
 def scale(result: Result) -> Figure:
     """Accuracy, time and memory against the number of particles, every run a dot."""
     figure = picture(3)
-    particles = [int(row.name) for row in result.rows]
-    closed = [100.0 * np.mean([record["closed"] for record in row.records]) for row in result.rows]
+    rows = [row for row in result.rows if row.name.isdigit()]  # the default's
+    particles = [int(row.name) for row in rows]
+    closed = [100.0 * np.mean([record["closed"] for record in row.records]) for row in rows]
     panels = (
         (f"ATE (m); {min(closed):.0f} to {max(closed):.0f} % closed", {"ate": "median"}, 1.0),
         ("time per vertex (s)", {"worst_ms": "worst", "vertex_ms": "median"}, 1e-3),
@@ -57,7 +58,7 @@ def scale(result: Result) -> Figure:
     for column, (title, keys, factor) in enumerate(panels):
         axes = panel(figure, 0, column, title)
         for (colour, way), (key, label) in zip(WAYS, keys.items(), strict=False):
-            values = [[factor * record[key] for record in row.records] for row in result.rows]
+            values = [[factor * record[key] for record in row.records] for row in rows]
             axes.plot(particles, [float(np.median(runs)) for runs in values], way, color=colour, label=label)
             for n, runs in zip(particles, values, strict=True):
                 axes.plot([n] * len(runs), runs, ".", color=colour, markersize=2.0)
