@@ -1,7 +1,8 @@
 """What each ingredient is worth: all of them, and every one switched off alone, on the same drives and seeds.
 
-An ingredient is a change of settings; a new one gets a row in `INGREDIENTS`. Drives are folded once for all changes
-of the filter alone.
+An ingredient is a change of settings; a new one gets a row in `INGREDIENTS`. Below stand the literal thesis, with its
+2,000 particles, and the odometry. Drives are folded once for all changes of the filter alone. What an ingredient is
+worth is told seed by seed: the ATE without it over that with everything on the same drive, of all drives together.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from bench.benchmark import Bench, Column, Crew, Record, Row, middle, share, tails
+import numpy as np
+
+from bench.benchmark import Bench, Column, Crew, Record, Row, figures, middle, share, tails
 from bench.recordings import cycle, data_folder, read, semireal
 from bench.scores import params_of
 from server.formats.logs import Log
@@ -21,24 +24,32 @@ from slam.evaluate import absolute_error, revisits
 from slam.timeline import associate
 from slam.trajectory import correct
 
+WHOLE, THESIS_ITSELF, ODOMETRY = "nothing", "all: the literal thesis", "all: odometry"
+NO_DIRECTIONS: Mapping[str, Any] = {"filter": {"direction": {"gain": 0.0}}, "refinement": {"direction": 0.0}}
 INGREDIENTS: Mapping[str, Mapping[str, Any]] = {  # settings of the robot; those of its filter under `filter`
-    "everything": {},
-    "no refinement": {"refinement": {"rounds": 0}},
-    "no refinement by wall directions": {"refinement": {"direction": 0.0}},
-    "no bias of odometry": {"filter": {"motion": {"turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0}}},
-    "no jitter of the biases": {"filter": {"motion": {"jitter": 0.0}}},
-    "no wall directions": {"filter": {"direction": {"gain": 0.0}}},
-    "no noise of turns on the spot": {"filter": {"motion": {"rotation_noise": 0.0}}},
-    "two states, agreement counted": {"filter": {"comparison": THESIS["crunch"]["filter"]["comparison"]}},
-    "segments instead of points": {"filter": {"comparison": {"affinity": {"kind": "segments"}}}},
-    "twice as hot": {"filter": {"comparison": {"affinity": {"gain": 10.0}}}},
-    "one neighbour": {"filter": {"comparison": {"neighbours": 1}}},
-    "resampled always": {"filter": {"threshold": 1.0}},
-    "no hindsight": {"hindsight": 0},
-    "a map of 2 x 2 m": {"local_map": {"reach": 1.0}},
-    "map resampled": {"local_map": {"resample": True}},
-    "walls where the ray meets them": {"walls": {"thickness": 1e-3}},
-}  # fmt: skip
+    WHOLE: {},
+    "islands": {"filter": {"islands": 1}},
+    "refinement": {"refinement": {"rounds": 0}},
+    "wall directions": NO_DIRECTIONS,
+    "wall directions in the filter": {"filter": NO_DIRECTIONS["filter"]},
+    "wall directions in the refinement": {"refinement": NO_DIRECTIONS["refinement"]},
+    "biases of odometry": {"filter": {"motion": {"turn_bias": 0.0, "scale_bias": 0.0, "jitter": 0.0}}},
+    "bias of turns": {"filter": {"motion": {"turn_bias": 0.0}}},
+    "bias of distances": {"filter": {"motion": {"scale_bias": 0.0}}},
+    "jitter of the biases": {"filter": {"motion": {"jitter": 0.0}}},
+    "noise of turns on the spot": {"filter": {"motion": {"rotation_noise": 0.0}}},
+    "the unknown and chance: two states": {"filter": {"comparison": THESIS["crunch"]["filter"]["comparison"]}},
+    "test points: segments": {"filter": {"comparison": {"affinity": {"kind": "segments"}}}},
+    "tempering: points add up": {"filter": {"comparison": {"affinity": {"gain": 64.0}}}},
+    "second and third neighbour": {"filter": {"comparison": {"neighbours": 1}}},
+    "threshold: resampled always": {"filter": {"threshold": 1.0}},
+    "hindsight": {"hindsight": 0},
+    "what lies beyond 2 x 2 m": {"local_map": {"reach": 1.0}},
+    "scrolling: map resampled": {"local_map": {"resample": True}},
+    "silence of sonars": {"local_map": {"sonar_silent_miss": 0.0}},
+    "middle of the wall: where the ray meets it": {"walls": {"thickness": 1e-3}},
+}
+PARTICLES = 5000  # as on the real drives; enough for two islands
 DRIVES = ("medium", "high", "intel", "aces")
 
 
@@ -47,60 +58,85 @@ def source(drive: str, seed: int) -> tuple[Log, Any, Any]:
     return read(semireal(drive, seed) if drive in ("intel", "aces") else cycle(seed, drive))
 
 
+def settings_of(name: str) -> CrunchParams:
+    """The robot without an ingredient, or the thesis's."""
+    if name == THESIS_ITSELF:
+        return params_of("thesis")
+    changes = INGREDIENTS.get(name, {})
+    return params_of(**{**changes, "filter": {"particles": PARTICLES, **changes.get("filter", {})}})
+
+
 def run(drive: str, seed: int, names: list[str]) -> dict[str, Record]:
     """Every named ingredient switched off alone on one drive."""
     log, times, truth = source(drive, seed)
     folded: dict[str, tuple[Drive, float]] = {}
     found = {}
     for name in names:
-        params = params_of(**INGREDIENTS[name])
+        params = settings_of(name)
         warm_up(params, 1)
-        own = repr({key: value for key, value in INGREDIENTS[name].items() if key != "filter"})
+        own = params.model_dump_json(exclude={"filter", "refinement"})
         if own not in folded:
             before = time.perf_counter()
             folded[own] = fold(log, Crunch(params), lambda keyframe: None), time.perf_counter() - before
-        found[name] = measure(*folded[own], params, seed, times, truth)
+        if name == ODOMETRY:
+            found[name] = errors_of(folded[own][0], None, times, truth)
+        else:
+            found[name] = measure(*folded[own], params, seed, times, truth)
     return found
 
 
 def measure(drive: Drive, fold_seconds: float, params: CrunchParams, seed: int, times, truth) -> Record:
     """Errors of the filter on a folded drive, and its speed."""
-    before = time.perf_counter()
+    began = time.perf_counter()
     path_filter = make_estimator(params, seed, 1)
     for keyframe in drive.keyframes:
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+    filtered = time.perf_counter()
     path_filter.refine()
-    path = path_filter.estimate().path
-    seconds = time.perf_counter() - before
+    refined = time.perf_counter()
+    n = len(drive.keyframes)
+    return {
+        **errors_of(drive, path_filter.estimate().path, times, truth),
+        "vertex_ms": 1e3 * (filtered - began) / n,
+        "refinement_ms": 1e3 * (refined - filtered) / n,
+        "fold_ms": 1e3 * fold_seconds / n,
+    }
+
+
+def errors_of(drive: Drive, path: np.ndarray | None, times: np.ndarray, truth: np.ndarray) -> Record:
+    """Errors of a path (v, 3) of a drive's vertices, or of its odometry, against true poses (n, 3) at `times` (n,)."""
     matches = associate(drive.times, times)
-    mapped, reference = correct(drive.odometry, drive.rows, path)[matches.rows], truth[matches.reference_rows]
+    poses = drive.odometry if path is None else correct(drive.odometry, drive.rows, path)
+    mapped, reference = poses[matches.rows], truth[matches.reference_rows]
     return {
         "ate": absolute_error(mapped, reference).translation.rmse,
         "closed": revisits(mapped, reference).is_closed,
-        "vertex_ms": 1e3 * seconds / len(path),
-        "fold_ms": 1e3 * fold_seconds / len(path),
     }
 
 
 def rows(crew: Crew) -> Iterator[Row]:
-    """One for each ingredient, when all drives are done."""
-    names = [name for name in INGREDIENTS if crew.wants(name)]
+    """One for each ingredient, when all drives are done; `--only` leaves nothing to tell seed by seed."""
+    names = [name for name in (*INGREDIENTS, THESIS_ITSELF, ODOMETRY) if crew.wants(name)]
     drives = DRIVES if data_folder() else DRIVES[:2]
     jobs = [(drive, seed, names) for drive in drives for seed in range(crew.seeds)]
     found = crew.map(run, jobs, "ablation")
     for name in names:
-        records = [
-            {"seed": seed, "drive": drive} | {f"{drive}_{key}": value for key, value in part[name].items()} | part[name]
-            for (drive, seed, _), part in zip(jobs, found, strict=True)
-        ]
+        records = []
+        for (drive, seed, _), part in zip(jobs, found, strict=True):
+            record = {"seed": seed, "drive": drive, **part[name]}
+            record |= {f"{drive}_{key}": value for key, value in part[name].items()}
+            if WHOLE in part:
+                record["cost"] = part[name]["ate"] / part[WHOLE]["ate"]
+            records.append(record)
         yield Row(name, records)
 
 
 BENCH = Bench(
     name="ablation",
-    about="every ingredient switched off alone, 2,000 particles: what it costs in accuracy and time",
+    about="every ingredient switched off alone, 5,000 particles on two islands: what it costs in accuracy and time",
     rows=rows,
     columns=(
+        Column("by seed, times the ATE of everything: median / p90", figures("cost", 2, 0.5, 0.9)),
         Column("cycle, medium: closed", share("medium_closed")),
         Column("ATE (m)", tails("medium_ate")),
         Column("high: closed", share("high_closed")),
@@ -108,6 +144,7 @@ BENCH = Bench(
         Column("Intel: ATE (m)", tails("intel_ate")),
         Column("ACES: ATE (m)", tails("aces_ate")),
         Column("filter (ms per vertex)", middle("vertex_ms")),
+        Column("refinement", middle("refinement_ms")),
         Column("fold", middle("fold_ms")),
     ),
     seeds=20,

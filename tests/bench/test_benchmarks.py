@@ -7,11 +7,10 @@ import math
 import pytest
 
 from bench import benchmark, command
-from bench.ablation import INGREDIENTS
+from bench.ablation import INGREDIENTS, WHOLE, settings_of
 from bench.benchmark import Bench, Column, Crew, Record, Row, each
 from bench.catalogue import CATALOGUE
 from bench.result import Results, show_table
-from bench.scores import params_of
 from server.__main__ import run as run_command
 from server.errors import UserError
 from server.terminal import benchmarks
@@ -150,9 +149,8 @@ def test_without_recordings_it_is_skipped_in_one_line(monkeypatch, capsys, tmp_p
 
 
 def test_what_is_switched_off_is_a_setting():
-    everything = params_of()
-    for name, changes in INGREDIENTS.items():
-        assert (params_of(**changes) == everything) == (name == "everything"), name
+    for name in INGREDIENTS:
+        assert (settings_of(name) == settings_of(WHOLE)) == (name == WHOLE), name
 
 
 def test_a_fresh_process_gives_back_what_it_found():

@@ -7,7 +7,7 @@ import functools
 import pytest
 
 from bench import ablation, calibration, cycle, kernels, recordings, scale
-from bench.benchmark import Bench, Record, Row
+from bench.benchmark import Bench, Crew, Record, Row
 from bench.recordings import WIDTHS
 
 
@@ -39,17 +39,24 @@ def test_calibration():
         assert record["held_50"] <= record["held_68"] <= record["held_90"] <= record["held_95"] <= 100.0, name
 
 
-def test_ablation():
-    names = ["everything", "no bias of odometry", "no hindsight"]
-    found = ablation.run("medium", 0, names)
-    assert list(found) == names
-    record = {f"{drive}_{key}": value for drive in ablation.DRIVES for key, value in found["everything"].items()}
-    assert_filled(ablation.BENCH, record | found["everything"])
-    assert found["everything"]["ate"] != found["no hindsight"]["ate"]
+def test_ablation(monkeypatch):
+    monkeypatch.setattr(ablation, "PARTICLES", 300)
+    monkeypatch.setattr(ablation, "DRIVES", ("medium",))
+    names = [ablation.WHOLE, "hindsight", ablation.ODOMETRY]
+    monkeypatch.setattr(ablation, "INGREDIENTS", {name: ablation.INGREDIENTS[name] for name in names[:2]})
+    with Crew(1) as crew:
+        whole, without, thesis, odometry = ablation.rows(crew)
+    [record] = whole.records
+    others = {f"{drive}_{key}": record[key] for drive in ("high", "intel", "aces") for key in ("ate", "closed")}
+    assert_filled(ablation.BENCH, record | others)
+    assert record["cost"] == 1.0
+    assert without.records[0]["ate"] != record["ate"]
+    assert odometry.records[0]["cost"] == odometry.records[0]["ate"] / record["ate"] > 1.0
+    assert thesis.records[0]["refinement_ms"] < record["refinement_ms"]
 
 
 def test_scale():
-    record = scale.run(300, 0)
+    record = scale.run(scale.Size(300), 0)
     assert_filled(scale.BENCH, record)
     assert record["nodes"] >= record["vertices"]
     assert record["vertex_ms"] <= record["worst_ms"]
