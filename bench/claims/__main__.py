@@ -1,45 +1,57 @@
-"""The thesis's own claims, measured, one table after the other, with pictures.
+"""Puts the tables that `crunch bench claims` printed and kept into docs/claims.md, and draws the pictures beside it.
 
-    python -m bench.claims [blur crossing points search resampling] [--seeds 20] [--docs]
+    crunch bench claims
+    python -m bench.claims [--results build/bench/claims.json]
 
-`--docs` puts the tables into docs/claims.md and the pictures beside it. Drives are simulated and fused by the first
-run, which takes some minutes longer, and kept in `build/bench`.
+Claims that the results do not have stay as they are, so that one alone can be renewed after `--only NAME`.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
+from pathlib import Path
 
 from bench.claims import CLAIMS
-from bench.claims.findings import Effort, markdown, renewed
+from bench.claims.findings import Findings, markdown, renewed
 from bench.claims.plots import save
 from bench.recordings import CACHE, ROOT
+from bench.result import Result, Results
 
 PAGE = ROOT / "docs" / "claims.md"
 
 
+def texts_of(result: Result) -> dict[str, str]:
+    """What stands in the page's places: every claim's tables, and what made them."""
+    texts = {}
+    for row in result.rows:
+        [record] = row.records
+        texts |= {name: markdown(table) for name, table in record["tables"].items()}
+        texts[f"{row.name}-made"] = made_by(result, row.name, record["seconds"])
+    return texts
+
+
+def made_by(result: Result, claim: str, seconds: float) -> str:
+    """The command, how long it took, and on what."""
+    command = f"crunch bench claims --only {claim} --seeds {result.seeds}"
+    return f"*`{command}`: {seconds / 60.0:.0f} minutes of one core ({result.machine.processor}), {result.date[:10]}.*"
+
+
 def main() -> None:
-    """Measure, print, keep."""
+    """Renew the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("claims", nargs="*", metavar="CLAIM", help=f"of {', '.join(CLAIMS)}")
-    parser.add_argument("--seeds", type=int, default=Effort().seeds)
-    parser.add_argument("--docs", action="store_true", help="renew docs/claims.md and its pictures")
-    wanted = parser.parse_args()
-    if unknown := set(wanted.claims) - set(CLAIMS):
-        parser.error(f"no such claim: {', '.join(sorted(unknown))}; there are {', '.join(CLAIMS)}")
-    folder = PAGE.parent / "images" if wanted.docs else CACHE
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in wanted.claims or CLAIMS:
-        measure, draw = CLAIMS[name]
-        started = time.perf_counter()
-        findings = measure(Effort(seeds=wanted.seeds))
-        for title, rows in findings.tables.items():
-            print(f"\n{title}\n\n{markdown(rows)}", flush=True)
-        save(draw, findings, folder / f"claims-{name}.png")
-        print(f"\n{folder / f'claims-{name}.png'}, {time.perf_counter() - started:.0f} s", flush=True)
-        if wanted.docs:
-            PAGE.write_text(renewed(PAGE.read_text(), findings.tables))
+    parser.add_argument("--results", type=Path, default=CACHE / "claims.json")
+    result = Results.read(parser.parse_args().results).results["claims"]
+    PAGE.write_text(renewed(PAGE.read_text(), texts_of(result)))
+    for row in result.rows:
+        findings, path = Findings(row.records[0]["tables"], row.records[0]["curves"]), picture_of(row.name)
+        save(CLAIMS[row.name][1], findings, path)
+        print(path)
+    print(PAGE)
+
+
+def picture_of(claim: str) -> Path:
+    """Where a claim's picture lies."""
+    return PAGE.parent / "images" / f"claims-{claim}.png"
 
 
 if __name__ == "__main__":

@@ -39,11 +39,11 @@ def markdown(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def renewed(page: str, tables: dict[str, list[Row]]) -> str:
-    """The page with each table between `<!-- NAME -->` and `<!-- end -->` made anew; KeyError where it has no place."""
-    for name, rows in tables.items():
+def renewed(page: str, texts: dict[str, str]) -> str:
+    """The page with new text between each `<!-- NAME -->` and `<!-- end -->`; KeyError where a name has no place."""
+    for name, text in texts.items():
         between = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
         if not between.search(page):
-            raise KeyError(f"the page has no place for the table {name}")
-        page = between.sub(lambda found, rows=rows: f"{found[1]}{markdown(rows)}\n{found[2]}", page)
+            raise KeyError(f"the page has no place for {name}")
+        page = between.sub(lambda found, text=text: f"{found[1]}{text}\n{found[2]}", page)
     return page

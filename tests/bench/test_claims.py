@@ -9,11 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.claims import CLAIMS, blur, crossing, pairs, points, resampling, search
-from bench.claims.__main__ import PAGE
+from bench.benchmark import Row
+from bench.claims import BENCH, CLAIMS, blur, crossing, pairs, points, resampling, search
+from bench.claims.__main__ import PAGE, picture_of, texts_of
 from bench.claims.drives import Watched, out_and_back, world_of
 from bench.claims.findings import Effort, Findings, markdown, renewed
 from bench.claims.plots import save
+from bench.command import run as run_benchmark
+from bench.result import Results
 from slam.affinity import AffinityParams
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.resampling import effective_sample_size
@@ -58,20 +61,32 @@ def test_every_claim_gives_tables_that_the_page_has_a_place_for_and_a_picture(na
     for rows in findings.tables.values():
         assert len({tuple(row) for row in rows}) == 1, "rows of a table share their columns"
         assert markdown(rows).count("\n") == len(rows) + 1
-    assert renewed(PAGE.read_text(), findings.tables)
+    assert renewed(PAGE.read_text(), {f"{name}-made": "", **dict.fromkeys(findings.tables, "")})
     save(draw, findings, tmp_path / "picture.png")
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
-    assert (PAGE.parent / "images" / f"claims-{name}.png").is_file()
+    assert picture_of(name).is_file()
     assert f"(images/claims-{name}.png)" in PAGE.read_text()
 
 
 def test_only_what_stands_between_the_marks_is_renewed():
     page = "before\n<!-- a -->\nold\n<!-- end -->\nafter\n<!-- b -->\nkept\n<!-- end -->\n"
-    table = {"a": [{"x": 1, "y (m)": 0.12345}, {"x": 2, "y (m)": 1234.5}]}
-    assert renewed(page, table) == page.replace("old", "| x | y (m) |\n|---|---|\n| 1 | 0.123 |\n| 2 | 1234 |")
-    assert renewed(renewed(page, table), table) == renewed(page, table)
-    with pytest.raises(KeyError, match="no place for the table c"):
-        renewed(page, {"c": table["a"]})
+    table = markdown([{"x": 1, "y (m)": 0.12345}, {"x": 2, "y (m)": 1234.5}])
+    assert renewed(page, {"a": table}) == page.replace("old", "| x | y (m) |\n|---|---|\n| 1 | 0.123 |\n| 2 | 1234 |")
+    assert renewed(renewed(page, {"a": table}), {"a": table}) == renewed(page, {"a": table})
+    with pytest.raises(KeyError, match="no place for c"):
+        renewed(page, {"c": table})
+
+
+def test_the_page_has_what_the_command_kept():
+    """Results that went through JSON fill the page's places; the line under them names command and machine."""
+    findings = crossing.table(crossing.curves())
+    record = {"tables": {"crossing-still": findings}, "curves": {}, "seconds": 123.0}
+    bench = BENCH._replace(rows=lambda crew: [Row("crossing", [record])])
+    *_, result = run_benchmark(bench, 3)
+    read = Results.model_validate_json(Results(results={"claims": result}).model_dump_json()).results["claims"]
+    assert texts_of(read)["crossing-still"] == markdown(findings)
+    assert texts_of(read)["crossing-made"].startswith("*`crunch bench claims --only crossing --seeds 3`: 2 minutes")
+    assert read.machine.processor in texts_of(read)["crossing-made"]
 
 
 # Blur
