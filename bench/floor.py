@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.benchmark import Bench, Record, each
 from bench.recordings import floor, read
-from bench.scores import COLUMNS, against, beside_thesis
+from bench.scores import COLUMNS, against, beside_thesis, oracle_of
 
 PARTICLES = 5000
 
@@ -12,7 +12,7 @@ PARTICLES = 5000
 def run(name: str, seed: int) -> Record:
     """One tour through a floor plan."""
     log, times, truth = read(floor(name, seed, "medium"))
-    return beside_thesis(log, against(times, truth), seed, PARTICLES)
+    return beside_thesis(log, against(times, truth), seed, PARTICLES, oracle_of(times, truth, seed))
 
 
 BENCH = Bench(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.benchmark import Column, Record, failed, middle, runs, share, tails
+from bench.benchmark import Column, Record, failed, figures, middle, runs, share, tails
 from bench.oracle import oracle_path
 from server import config
 from server.formats.logs import Log
@@ -27,7 +27,7 @@ COLUMNS = (
     Column("ATE median / p90 / worst (m)", tails("ate")),
     Column("thesis's", tails("thesis_ate")),
     Column("oracle's", tails("oracle_ate")),
-    Column("of the oracle's, by seed", middle("of_oracle")),
+    Column("by seed, times the oracle's: median / p90", figures("of_oracle", 2, 0.5, 0.9)),
     Column("odometry's", tails("odometry_ate")),
     Column("revisit error (m)", middle("revisit_error")),
     Column("x real time", middle("speed", 0)),
