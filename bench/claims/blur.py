@@ -169,7 +169,8 @@ def on_drives(effort: Effort) -> list[Row]:
                 errors, hits = wall_errors(world, seed, effort.length, preset, resample)
                 medians.append(100.0 * float(np.median(errors)))
                 tails.append(100.0 * float(np.quantile(errors, 0.9)))
-                found.append(100.0 * float(np.mean(hits)))
+                if hits.size:  # some corridors are too wide for a small map
+                    found.append(100.0 * float(np.mean(hits)))
             runs = [outcome(job) for job in jobs(*effort[:1], effort.length, effort.particles, preset, changes=changes)]
             row: Row = {"set-up": preset, "map": mode, "wall error median (cm)": float(np.median(medians))}
             row |= {"p90 (cm)": float(np.median(tails)), "walls found (%)": float(np.median(found))}
