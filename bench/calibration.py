@@ -7,7 +7,8 @@ that should hold a share q of the errors is d^2 < -2 ln(1 - q). A record tells f
 
 Claims: `particles` is mean and covariance of the particles as they are at the end, `refinement` the refined path with
 the covariance of its least squares. Both are looked at with the default's noise and, on simulated drives, with the
-noise that the robot truly has (*noise known*): what is left then is not for calibrating the odometry to mend.
+noise and the spread of biases that the robot truly has (*noise known*): what is left then is not for calibrating the
+odometry to mend.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from slam.uncertainty import MIDDLE, SAMPLE
 NOMINAL = (0.5, 0.68, 0.9, 0.95)
 BINS = 20  # of the probabilities at which the errors lie; level if the claims are right
 CERTAIN = 1e-4  # m; below this a claim says that there is no error at all
+SLIP = ("distance_noise", "turn_noise", "scale_bias", "turn_bias")  # in the order of the virtual robot's drifts
 DRIVES = ("low", "medium", "high", "intel", "aces")
 VIEWS = ("from the first vertex", "from the newest", "revisits")
 
@@ -117,8 +119,7 @@ def run(name: str, seed: int) -> dict[str, Record]:
     found = claimed(log, times, truth, params_of(), seed)
     if name not in DRIFTS:
         return found
-    distance_noise, turn_noise = DRIFTS[name][:2]
-    known = params_of(filter={"motion": {"turn_noise": turn_noise, "distance_noise": distance_noise}})
+    known = params_of(filter={"motion": dict(zip(SLIP, DRIFTS[name], strict=False))})
     return found | {f"{kind}, noise known": record for kind, record in claimed(log, times, truth, known, seed).items()}
 
 
