@@ -249,26 +249,32 @@ def wall_spread(
     """How far apart (m) walls lie that were seen from one place on visits at least `min_path` m of the path apart.
 
     `path` (v, 3) are the vertices' poses, `curves[v]` what each saw, (k, 2) in its frame and counter-clockwise. A point
-    counts the way along its normal to the nearest wall of an earlier visit that faces the same way to 25 degrees. Where
-    there is none within `reach` it does not count: walls drawn twice and farther apart are missed.
+    counts once for every earlier visit: the way along its normal to the nearest wall that the visit's nearest vertex
+    saw facing the same way to 25 degrees. Where there is none within `reach` it does not count: walls drawn twice and
+    farther apart are missed.
     """
     seen = [wall_points(pose, found) for pose, found in zip(path, curves, strict=True)]
     way = path_length(path)
-    distances = []
+    distances = [np.empty(0)]
     for later in range(len(path)):
         points, normals = seen[later]
         n_left = int(np.searchsorted(way, way[later] - min_path, side="right"))
-        near = np.flatnonzero(np.hypot(*(path[:n_left, :2] - path[later, :2]).T) < 2.0 * reach)
-        if len(points) == 0 or near.size == 0:
-            continue
-        others, other_normals = (np.concatenate([seen[earlier][part] for earlier in near]) for part in range(2))
-        apart = others[None, :, :] - points[:, None, :]
-        across = np.abs(np.sum(apart * normals[:, None, :], axis=2))
-        along = np.abs(apart[:, :, 0] * normals[:, None, 1] - apart[:, :, 1] * normals[:, None, 0])
-        across[(along > SAME_PLACE) | (normals @ other_normals.T < math.cos(25.0 * DEGREE))] = np.inf
-        distances.append(across.min(axis=1, initial=np.inf))
-    found = np.concatenate(distances) if distances else np.empty(0)
+        for earlier in nearest_of_visits(np.hypot(*(path[:n_left, :2] - path[later, :2]).T), 2.0 * reach):
+            others, other_normals = seen[earlier]
+            apart = others[None, :, :] - points[:, None, :]
+            across = np.abs(np.sum(apart * normals[:, None, :], axis=2))
+            along = np.abs(apart[:, :, 0] * normals[:, None, 1] - apart[:, :, 1] * normals[:, None, 0])
+            across[(along > SAME_PLACE) | (normals @ other_normals.T < math.cos(25.0 * DEGREE))] = np.inf
+            distances.append(across.min(axis=1, initial=np.inf))
+    found = np.concatenate(distances)
     return Spread.of(found[found < reach])
+
+
+def nearest_of_visits(distances: np.ndarray, reach: float) -> list[int]:
+    """The nearest row of each stretch of rows whose `distances` (n,) are below `reach`."""
+    near = np.flatnonzero(distances < reach)
+    visits = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
+    return [int(visit[np.argmin(distances[visit])]) for visit in visits if len(visit)]
 
 
 def wall_points(pose: np.ndarray, curves: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

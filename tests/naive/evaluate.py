@@ -97,21 +97,28 @@ def wall_spread(path, curves, reach, min_path):
     ]
     distances = []
     for later in range(len(path)):
-        near = [
-            earlier
-            for earlier in range(later)
-            if way[earlier] <= way[later] - min_path and math.dist(path[earlier][:2], path[later][:2]) < 2.0 * reach
-        ]
-        for x, y, nx, ny in seen[later]:
-            candidates = [
-                abs((u - x) * nx + (v - y) * ny)
-                for earlier in near
-                for u, v, mx, my in seen[earlier]
-                if abs((u - x) * ny - (v - y) * nx) <= 0.1 and nx * mx + ny * my >= math.cos(math.radians(25.0))
-            ]
-            if candidates and min(candidates) < reach:
-                distances.append(min(candidates))
+        for earlier in nearest_of_visits(path, way, later, reach, min_path):
+            for x, y, nx, ny in seen[later]:
+                candidates = [
+                    abs((u - x) * nx + (v - y) * ny)
+                    for u, v, mx, my in seen[earlier]
+                    if abs((u - x) * ny - (v - y) * nx) <= 0.1 and nx * mx + ny * my >= math.cos(math.radians(25.0))
+                ]
+                if candidates and min(candidates) < reach:
+                    distances.append(min(candidates))
     return distances
+
+
+def nearest_of_visits(path, way, later, reach, min_path):
+    """Of every stretch of earlier rows near a later one, the nearest."""
+    found, best = [], None
+    for earlier in range(later + 1):
+        apart = math.dist(path[earlier][:2], path[later][:2])
+        if way[earlier] > way[later] - min_path or apart >= 2.0 * reach:
+            found, best = (found if best is None else [*found, best[1]]), None
+        elif best is None or apart < best[0]:
+            best = apart, earlier
+    return found
 
 
 def oriented(pose, curve):
