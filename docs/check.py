@@ -86,12 +86,19 @@ def wrong_crunch(words: list[str]) -> str:
     """What is wrong with a command line, or nothing."""
     known = {"--help", "-h", "--debug"}
     commands = getattr(get_command(app), "commands")  # noqa: B009
-    name = next((word for word in words if not word.startswith("-")), "")
+    names = [word for word in words if not word.startswith("-")]
+    name = next(iter(names), "")
     if name.isupper() or not name:  # a placeholder
         return ""
     if name not in commands:
         return f"crunch has no command {name}"
-    for parameter in commands[name].params:
+    command = commands[name]
+    group = getattr(command, "commands", None)  # `crunch calibrate odometry`: a command in a group
+    if group is not None and len(names) > 1:
+        if names[1] not in group:
+            return f"crunch {name} has no command {names[1]}"
+        command = group[names[1]]
+    for parameter in command.params:
         known |= {*parameter.opts, *parameter.secondary_opts}
     flags = [word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)]
     unknown = [flag for flag in flags if flag not in known]

@@ -1,7 +1,7 @@
 """The `crunch` command. Each command imports what it needs when it runs, so that help comes at once.
 
-Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line. Uses its sibling
-`terminal`, which imports as late.
+Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line. Uses its
+siblings `terminal` and `calibrate`, which import as late.
 """
 
 from __future__ import annotations
@@ -16,9 +16,20 @@ from typing import Annotated, Any
 
 import typer
 
+from server import calibrate
 from server.errors import UserError
 from server.terminal import (
+    Assignments,
+    Beams,
+    ConfigFile,
+    MaxRange,
+    Particles,
+    Preset,
+    Robot,
+    Seed,
+    Threads,
     benchmarks,
+    check_beams,
     complain,
     folders_for,
     known_drift,
@@ -53,19 +64,10 @@ app = typer.Typer(
 UsageError: Any = typer.BadParameter.__base__  # typer carries its own copy of click and shows only leaves of its errors
 CommandError: Any = UsageError.__base__
 
-Robot = Annotated[str | None, typer.Option(help="Which robot; a recording knows its own.", show_default="crunch")]
-Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same log: the same bytes come out.")]
-Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
-Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting; repeatable.")]
-Preset = Annotated[
-    str | None, typer.Option(help="`default`; `thesis`: literally as Crunch's thesis has it; or another robot's.")
-]
-Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="5000")]
+app.add_typer(calibrate.app)
+
 Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.", show_default="8000")]
 Host = Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")]
-
-
 LiveThreads = Annotated[int, typer.Option(min=1, help="Threads of the filter.")]
 Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]
 Recordings = Annotated[Path, typer.Option(help="Folder for the session's recording.")]
@@ -160,10 +162,8 @@ def replay(
     particles: Particles = None,
     seed: Seed = 0,
     threads: Threads = None,
-    beams: Annotated[int | None, typer.Option(min=2, help="Thin a laser to so many evenly spread beams.")] = None,
-    max_range: Annotated[
-        float | None, typer.Option(min=0.1, help="Reach (m) of those beams.", show_default="5.0")
-    ] = None,
+    beams: Beams = None,
+    max_range: MaxRange = None,
     preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
@@ -186,8 +186,7 @@ def replay(
     from server.replay import Options, open_log
     from server.replay import replay as run
 
-    if max_range is not None and beams is None:
-        raise UserError("--max-range only counts with --beams; add --beams N")
+    check_beams(beams, max_range)
     flags = settings_flags(preset, particles, robot)
     for path, folder in zip(logs, folders_for(logs, out), strict=True):
         log = open_log(path, beams, max_range)

@@ -1,4 +1,4 @@
-"""What the commands share: settings out of flags, folders for results, a bar on the terminal, one line for an error."""
+"""What the commands share: options, settings from flags, folders for results, a bar, one line for an error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
@@ -21,6 +21,18 @@ if TYPE_CHECKING:
 
 Drift = Literal["none", "low", "medium", "high"]
 DRIFTS = ("none", "low", "medium", "high")
+
+Robot = Annotated[str | None, typer.Option(help="Which robot; a recording knows its own.", show_default="crunch")]
+Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same log: the same bytes come out.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
+Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting; repeatable.")]
+Preset = Annotated[
+    str | None, typer.Option(help="`default`; `thesis`: literally as Crunch's thesis has it; or another robot's.")
+]
+Beams = Annotated[int | None, typer.Option(min=2, help="Thin a laser to so many evenly spread beams.")]
+MaxRange = Annotated[float | None, typer.Option(min=0.1, help="Reach (m) of those beams.", show_default="5.0")]
+Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="20000")]
 
 
 def settings_flags(preset: str | None, particles: int | None, robot: str | None) -> dict[str, Any]:
@@ -82,6 +94,12 @@ def live_options(config: Config, host: str | None, port: int | None, opens_brows
         port=config.web.port if port is None else port,
         opens_browser=opens_browser,
     )
+
+
+def check_beams(beams: int | None, max_range: float | None) -> None:
+    """UserError for a reach of beams that nothing is thinned to."""
+    if max_range is not None and beams is None:
+        raise UserError("--max-range only counts with --beams; add --beams N")
 
 
 def known_drift(name: str) -> Drift:

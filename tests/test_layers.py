@@ -19,11 +19,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field",
-        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.local_map", "slam.map_alignment", "slam.motion",
-        "slam.odometry_chain", "slam.particles", "slam.path_tree", "slam.planning", "slam.pose_covariance",
-        "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.sonar_noise", "slam.suggestions",
-        "slam.thinning", "slam.timeline", "slam.trajectory", "slam.uncertainty", "slam.vfh", "slam.wall_matching",
-        "slam.walls",
+        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.local_map", "slam.loop_measurements",
+        "slam.map_alignment", "slam.motion", "slam.odometry_chain", "slam.odometry_noise", "slam.particles",
+        "slam.path_tree", "slam.planning", "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder",
+        "slam.resampling", "slam.sonar_noise", "slam.suggestions", "slam.thinning", "slam.timeline", "slam.trajectory",
+        "slam.uncertainty", "slam.variance_components", "slam.vfh", "slam.wall_matching", "slam.walls",
     ),
     (
         "server", "server.channels", "server.clock", "server.errors", "server.formats", "server.formats.atomic",
@@ -52,10 +52,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.score", "server.shelf", "server.status", "server.stream", "server.survey", "server.views",
     ),
     (
-        "server.bridge", "server.live", "server.recorded", "server.render", "server.render_queue", "server.replay",
-        "server.sessions", "server.simulate",
+        "server.bridge", "server.live", "server.odometry_calibration", "server.recorded", "server.render",
+        "server.render_queue", "server.replay", "server.sessions", "server.simulate",
     ),
-    ("server.__main__", "server.terminal"),
+    ("server.__main__", "server.calibrate", "server.terminal"),
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
 PACKAGES = ("slam", "server", "firmware", "bench", "tests", "docs")

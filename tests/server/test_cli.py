@@ -69,13 +69,13 @@ def test_help_names_every_command_and_needs_nothing_heavy():
     code += "print([name for name in ('numpy', 'numba', 'matplotlib', 'fastapi', 'pydantic') if name in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.endswith("0\n[]\n")
-    for name in ("demo", "serve", "replay", "simulate", "score", "version"):
+    for name in ("demo", "serve", "replay", "simulate", "score", "calibrate", "version"):
         assert f"\n  {name} " in result.stdout
 
 
-@pytest.mark.parametrize("name", ["demo", "serve", "replay", "simulate", "score"])
+@pytest.mark.parametrize("name", ["demo", "serve", "replay", "simulate", "score", "calibrate odometry"])
 def test_help_of_each_command_teaches_by_example(crunch, name):
-    outcome = crunch(name, "--help")
+    outcome = crunch(*name.split(), "--help")
     assert outcome.code == 0
     assert f"\n      crunch {name} " in outcome.out
 

@@ -1,0 +1,97 @@
+"""`crunch calibrate`: commands that learn a robot's parameters from its logs. Uses its sibling `terminal`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from server.terminal import (
+    Assignments,
+    Beams,
+    ConfigFile,
+    MaxRange,
+    Particles,
+    Preset,
+    Robot,
+    Seed,
+    Threads,
+    check_beams,
+    progress_bar,
+    settings_flags,
+)
+
+if TYPE_CHECKING:
+    from server.odometry_calibration import Calibration
+
+SHARES = 1000  # steps of the bar
+
+app = typer.Typer(name="calibrate", help="Learn a robot's parameters from its logs.", rich_markup_mode=None)
+
+
+@app.callback()
+def common() -> None:
+    """Makes this a group of commands even while there is one."""
+
+
+@app.command()
+def odometry(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one robot, as `crunch replay` reads.")],
+    output: Annotated[Path | None, typer.Option(help="TOML file for what was learned; `--config` reads it.")] = None,
+    robot: Robot = None,
+    particles: Particles = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    beams: Beams = None,
+    max_range: MaxRange = None,
+    preset: Preset = None,
+    config: ConfigFile = None,
+    assignments: Assignments = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+) -> None:
+    """Learn how badly a robot's odometry errs, from logs that come back to places they have seen.
+
+    Prints each parameter's estimate, the interval that holds it with 95 %, the present value and what the logs say
+    about it; then the settings for a file behind --config. Several logs of the same robot give one answer.
+
+    \b
+        crunch calibrate odometry drive.rlog
+        crunch calibrate odometry monday.rlog tuesday.rlog --output robot.toml
+        crunch replay wednesday.rlog --out map --config robot.toml
+    """
+    import os
+
+    from server.formats.atomic import write_atomically
+    from server.odometry_calibration import calibrate
+    from server.replay import Options
+
+    check_beams(beams, max_range)
+    flags = settings_flags(preset, particles, robot)
+    threads = threads or os.cpu_count() or 1
+    options = Options(robot or "", seed, threads, beams, max_range, config, flags, assignments or ())
+    with progress_bar("calibrating", SHARES, quiet) as bar:
+        found = calibrate(logs, options, (lambda share: bar(round(SHARES * share))) if bar else None)
+    for warning in found.warnings:
+        typer.echo(f"crunch: warning: {warning}", err=True)
+    if output is not None:
+        write_atomically(output, found.toml())
+    if not quiet:
+        typer.echo(table(found))
+        typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
+
+
+def table(found: Calibration) -> str:
+    """What was learned, by parameter and by log, as text of two tables."""
+    rows = [("parameter", "estimate", "95 % interval", "present", "what the logs say")]
+    rows += [(row.name, f"{row.estimate:.3g}", row.interval, f"{row.present:.3g}", row.verdict) for row in found.rows]
+    drives = [("log", "metres", "measured", "turn bias (deg/m)")]
+    drives += [(drive.name, f"{drive.metres:.0f}", f"{drive.measurements}", drive.turn_bias) for drive in found.drives]
+    likelier = f"the logs are e^{found.gain:.1f} times likelier than with the present values"
+    return f"{aligned(rows)}\n\n{aligned(drives)}\n\n{found.left_out} measurements left out as outliers; {likelier}"
+
+
+def aligned(rows: list[tuple[str, ...]]) -> str:
+    """Columns as wide as their widest text."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
