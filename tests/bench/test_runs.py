@@ -6,7 +6,7 @@ import functools
 
 import pytest
 
-from bench import ablation, calibration, cycle, kernels, recordings, scale
+from bench import ablation, calibration, cycle, kernels, odometry, recordings, scale
 from bench.benchmark import Bench, Crew, Record, Row
 from bench.recordings import WIDTHS
 
@@ -16,7 +16,7 @@ def small_cycle(monkeypatch, tmp_path_factory):
     """A lap of 22 m instead of 50, kept for all tests of this file."""
     monkeypatch.setattr(recordings, "CACHE", tmp_path_factory.getbasetemp() / "drives")
     small = functools.partial(recordings.cycle, length=22.0)
-    for module in (ablation, calibration, cycle, kernels, scale):
+    for module in (ablation, calibration, cycle, kernels, odometry, scale):
         monkeypatch.setattr(module, "cycle", small)
 
 
@@ -37,6 +37,14 @@ def test_calibration():
     for name, record in calibration.run("low", 0).items():
         assert_filled(calibration.BENCH, record)
         assert record["held_50"] <= record["held_68"] <= record["held_90"] <= record["held_95"] <= 100.0, name
+
+
+def test_odometry():
+    drives = [odometry.run("medium", seed) for seed in range(2)]
+    for record in odometry.judged("medium", 0, drives).values():
+        assert_filled(odometry.BENCH, record)
+        assert record["low"] <= record["estimate"] <= record["high"]
+        assert record["fall"] >= 0.0
 
 
 def test_ablation(monkeypatch):
