@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench import (
     ablation,
+    beams,
     calibration,
     claims,
     crazyflie,
@@ -23,6 +24,7 @@ from bench.benchmark import Bench
 CATALOGUE: tuple[Bench, ...] = (
     cycle.BENCH,
     real.BENCH,
+    beams.BENCH,
     floor.BENCH,
     worlds.BENCH,
     crazyflie.BENCH,

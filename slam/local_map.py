@@ -2,7 +2,8 @@
 
 The grid keeps the odometry frame's orientation and moves by whole cells, so that nothing is ever resampled; the
 thesis's own way, transform and resample at every move, stands beside it as `resample = true`. Fusion is
-pseudo-Bayesian: log odds add up and are clamped low, so that new readings overrule strong priors quickly.
+pseudo-Bayesian: log odds add up and are clamped low, so that new readings overrule strong priors quickly. Uses its
+sibling `sweep_filling`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from slam.grid import Grid
 from slam.params import Params
 from slam.pose import between
 from slam.rangefinder import RingParams
+from slam.sweep_filling import sweeps_between
 
 SONAR, INFRARED, BEAM = 0, 1, 2
 MAX_REACH = 20.0  # m; farther walls would make the comparison of maps slow, and no robot here sees them
@@ -32,6 +34,10 @@ class LocalMapParams(Params):
     reach_share: float = Field(
         default=2.0 / 3.0, gt=0.0, le=1.0
     )  # of the longest sensor's range, where reach follows the sensors
+    farthest: float = Field(default=MAX_REACH, gt=0.0, le=MAX_REACH)  # m, of a reach that follows the sensors
+    bridge: float = Field(
+        default=0.0, ge=0.0
+    )  # times the robot's motion between two sweeps that a wall may go on for, which they fill in; 0 fills nothing
     finest_cell: float = Field(default=0.025, ge=0.01)  # m
     cells_per_reach: int = Field(default=80, gt=10, le=500)  # bounds the grid of far-seeing sensors
     clamp: float = Field(default=2.5, gt=0.0)
@@ -255,7 +261,7 @@ class LocalMap:
 
     def __init__(self, params: LocalMapParams, sensors: dict[str, RingParams], border: float = 0.0):
         longest = max(ring.max_range for ring in sensors.values())
-        followed = min(max(1.0, params.reach_share * longest), MAX_REACH)
+        followed = min(max(1.0, params.reach_share * longest), params.farthest)
         self.reach = params.reach if params.reach is not None else followed
         self.resolution = max(params.finest_cell, self.reach / params.cells_per_reach)
         half = round((self.reach + border) / self.resolution) + STRIDE
@@ -265,6 +271,8 @@ class LocalMap:
         self.frame = np.zeros(3) if params.resample else None  # odometry-frame pose of a map that is resampled
         self.rings = {name: ring_arrays(ring) for name, ring in sensors.items()}
         self.footprint = params.footprint
+        self.bridge = params.bridge
+        self.swept: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # pose and ranges of each ring's last sweep
         self.evidence = Evidence(*(getattr(params, name) for name in Evidence._fields))
 
     def move(self, pose: np.ndarray) -> None:
@@ -294,6 +302,11 @@ class LocalMap:
         ring = self.rings[sensor]
         if len(ranges) != ring.bearings.size:
             raise ValueError(f"{sensor} has {ring.bearings.size} beams, not {len(ranges)}")
+        if self.bridge > 0.0 and ring.model != SONAR:
+            now = np.array(pose, float), np.array(ranges, float)
+            before, self.swept[sensor] = self.swept.get(sensor, now), now
+            for place, filled in sweeps_between(ring.bearings, before, now, self.bridge, self.resolution):
+                fuse_ring(self.grid(), self.in_grid(place), tilt, ring, filled, self.evidence)
         grid, seat = self.grid(), self.in_grid(pose)
         fuse_ring(grid, seat, tilt, ring, ranges, self.evidence)
         clear_disc(grid, seat[0], seat[1], self.footprint, self.evidence.clamp)

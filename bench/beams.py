@@ -1,0 +1,129 @@
+"""Few beams of a laser at its full range: Intel's relations by the number of beams, and ACES against its reference.
+
+`intel-dense.log` is thinned to so many evenly spread beams; the error is that of the relative poses that R. Kuemmerle
+et al. verified by hand (Autonomous Robots 27, 2009). For ACES there are none in `data/`: it is measured against
+GMapping's path of the full laser, which is a reference and not the truth. A seed is a new filter; the preset is the one
+that `crunch replay --beams` takes, for both logs and any number of beams.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.benchmark import Bench, Column, Record, Row, each, failed, middle, runs, tails
+from bench.recordings import data_folder
+from bench.scores import against, params_of, record_of, speed_of
+from server import config
+from server.formats.carmen import FLASER_MAX_RANGE
+from server.formats.logs import Log, read_log
+from server.formats.relations import read_relations
+from server.formats.tum import read_tum
+from server.replay import Result, run_log
+from slam.evaluate import relations_error
+from slam.timeline import interpolate
+
+PUBLISHED = {
+    "Sparse-GSLAM": (11, 0.0848, 0.1151),
+    "GMapping": (30, 0.1139, 0.2274),
+}  # beams, mean and std (m), of Intel
+BEAMS = (4, 5, 8, 11, 30)
+MEASURES = (("mean", 4), ("std", 4), ("degrees", 2))
+
+
+class Case(NamedTuple):
+    """A log below the folder of recordings, and the number of beams that are left of its laser."""
+
+    log: str
+    beams: int
+
+
+def run(case: Case, seed: int) -> Record:
+    """One seed, beside the thesis's filter and odometry."""
+    data = data_folder()
+    assert data is not None
+    log = read_log(data / case.log, case.beams, FLASER_MAX_RANGE)
+    ours = run_log(log, config.load({}, header=log.configuration).crunch, seed)
+    thesis = run_log(log, params_of("thesis"), seed)
+    record = {"seed": seed, "beams": case.beams, **scored(ours, log), "speed": speed_of(ours)}
+    theirs = {f"thesis_{name}": value for name, value in scored(thesis, log).items() if not name.startswith("odometry")}
+    return record | theirs
+
+
+def scored(result: Result, log: Log) -> Record:
+    """A run's errors against the path beside its log, and by the relations where there are any."""
+    times, reference = read_tum(log.path.parent / "reference.tum")
+    if log.path.parent.name == "aces":
+        record = against(times, reference)(result)
+    else:
+        drive = result.drive
+        mapped, odometry = (interpolate(drive.times, poses, times)[0] for poses in (result.trajectory, drive.odometry))
+        record = record_of(result, mapped, odometry, reference)
+    return record | by_relations(result, log.path.parent / "intel.relations")
+
+
+def by_relations(result: Result, path: Path) -> Record:
+    """Mean and standard deviation (m) and mean turn (degrees) of the relations' errors, odometry's beside them."""
+    if not path.is_file():
+        return {}
+    relations = read_relations(path)
+    record: Record = {}
+    for prefix, poses in (("", result.trajectory), ("odometry_", result.drive.odometry)):
+        errors = relations_error(result.drive.times, poses, relations)
+        record[f"{prefix}mean"] = errors.translation.mean
+        record[f"{prefix}std"] = errors.translation.std
+        record[f"{prefix}degrees"] = float(np.degrees(errors.rotation.mean))
+    return record
+
+
+def mean_and_std(prefix: str = "") -> Column:
+    """The relations' error, medians over the seeds."""
+
+    def text(row: Row) -> str:
+        if f"{prefix}mean" not in row.records[0]:
+            return "-"
+        mean, std, turn = (middle(f"{prefix}{key}", digits)(row) for key, digits in MEASURES)
+        return f"{mean} ± {std} m, {turn}°"
+
+    return Column(prefix.replace("_", "'s ") + "relations", text)
+
+
+def notes(rows: list[Row]) -> Iterator[str]:
+    """Every seed's figure, and what others published."""
+    for row in rows:
+        key = "mean" if "mean" in row.records[0] else "ate"
+        yield f"{row.name}, by seed (m): {' '.join(f'{record[key]:.4f}' for record in row.records)}"
+    for name, (beams, mean, std) in PUBLISHED.items():
+        yield f"published, Intel, {beams} beams of all scans: {name} {mean} ± {std} m"
+
+
+BENCH = Bench(
+    name="beams",
+    about="few beams of Intel's and ACES's lasers at full range, 20,000 particles; of relations medians over the seeds",
+    rows=each(
+        run,
+        {f"Intel, {n} beams": Case("intel/intel-dense.log", n) for n in BEAMS}
+        | {"ACES, 11 beams": Case("aces/aces.log", 11)},
+    ),
+    columns=(
+        Column("runs", runs),
+        mean_and_std(),
+        Column("its mean: median / p90 / worst (m)", tails("mean", 4)),
+        mean_and_std("thesis_"),
+        mean_and_std("odometry_"),
+        Column("ATE median / p90 / worst (m)", tails("ate")),
+        Column("thesis's", tails("thesis_ate")),
+        Column("odometry's", middle("odometry_ate")),
+        Column("revisit error (m)", middle("revisit_error", 3)),
+        Column("x real time", middle("speed", 0)),
+        Column("not closed", failed("closed")),
+    ),
+    seeds=20,
+    minutes=90,
+    needs_data=True,
+    heading="log",
+    notes=notes,
+)
