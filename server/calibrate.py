@@ -30,11 +30,6 @@ SHARES = 1000  # steps of the bar
 app = typer.Typer(name="calibrate", help="Learn a robot's parameters from its logs.", rich_markup_mode=None)
 
 
-@app.callback()
-def common() -> None:
-    """Makes this a group of commands even while there is one."""
-
-
 @app.command()
 def odometry(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one robot, as `crunch replay` reads.")],
@@ -79,6 +74,29 @@ def odometry(
     if not quiet:
         typer.echo(table(found))
         typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
+
+
+@app.command()
+def sonar(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Logs of repeated readings of one sonar.")],
+    band: Annotated[float, typer.Option(help="Width of the bands of range, in metres.")] = 0.25,
+    config: ConfigFile = None,
+) -> None:
+    """Learn how much a sonar's readings vary, from repeats of each while it stood.
+
+    Prints, by bands of range, the standard deviation of the readings, the share of outliers and the share of readings
+    without echo, each with the interval that holds it with 95 %; then what that says about the present settings.
+
+    \b
+        crunch calibrate sonar ev3.log
+        crunch calibrate sonar monday.log tuesday.log --band 0.5
+    """
+    from server.config import load
+    from server.sonar_calibration import calibrate
+
+    found = calibrate(files, band)
+    lines = found.notes(load(file=config).crunch.local_map)
+    typer.echo("\n".join([aligned(found.rows()), "", *lines]))
 
 
 def table(found: Calibration) -> str:

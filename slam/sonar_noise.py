@@ -36,7 +36,8 @@ def fit_bands(ranges: np.ndarray, edges: np.ndarray, seed: int = 0, resamples: i
     """The noise in each band between `edges` (k + 1,) m that has any set of `ranges` (sets, repeats), inf for no echo.
 
     Sets of which more than half are silent have no range and belong to no band. Whole sets are drawn anew for the
-    intervals, since the readings of one set are not independent. Raises ValueError for fewer than two repeats.
+    intervals, since the readings of one set are not independent; of what none of n sets shows, 3 / n is the interval's
+    end (the rule of three). Raises ValueError for fewer than two repeats.
     """
     if ranges.ndim != 2 or ranges.shape[1] < 2:
         raise ValueError("at least two repeats of each reading are needed")
@@ -49,8 +50,11 @@ def fit_bands(ranges: np.ndarray, edges: np.ndarray, seed: int = 0, resamples: i
             continue
         rng = np.random.default_rng(seed)
         draws = np.array([fit(sets[rng.integers(0, len(sets), len(sets))]) for _ in range(resamples)])
-        intervals = np.quantile(draws, [0.025, 0.975], axis=0).T
-        bands.append(SonarNoise(float(nearest), float(farthest), len(sets), sets.size, *fit(sets), intervals))
+        intervals, found = np.quantile(draws, [0.025, 0.975], axis=0).T, fit(sets)
+        for kind in (1, 2):
+            if found[kind] == 0.0:
+                intervals[kind, 1] = min(1.0, 3.0 / len(sets))
+        bands.append(SonarNoise(float(nearest), float(farthest), len(sets), sets.size, *found, intervals))
     return bands
 
 

@@ -19,6 +19,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field",
+        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.local_map", "slam.loop_measurements",
+        "slam.map_alignment", "slam.motion", "slam.odometry_chain", "slam.odometry_noise", "slam.particles",
+        "slam.path_tree", "slam.planning", "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder",
         "slam.resampling", "slam.sonar_noise", "slam.suggestions", "slam.sweep_filling", "slam.thinning",
         "slam.timeline", "slam.trajectory", "slam.uncertainty", "slam.variance_components", "slam.vfh",
         "slam.wall_matching", "slam.walls",
@@ -51,7 +54,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     (
         "server.bridge", "server.live", "server.odometry_calibration", "server.recorded", "server.render",
-        "server.render_queue", "server.replay", "server.sessions", "server.simulate",
+        "server.render_queue", "server.replay", "server.sessions", "server.simulate", "server.sonar_calibration",
     ),
     ("server.__main__", "server.calibrate", "server.terminal"),
 )  # fmt: skip
