@@ -93,6 +93,6 @@ BENCH = Bench(
         Column("measurements", middle("measured", 0)),
     ),
     seeds=24,
-    minutes=10,
+    minutes=8,
     heading="drift, size, of",
 )

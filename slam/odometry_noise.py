@@ -34,7 +34,7 @@ TURN_BIAS = LEARNED.index("turn_bias")
 MEASUREMENT = len(LEARNED)  # the component of the measurements' own errors
 LEAST = 15  # measurements below which nothing is learned
 EXCESS = 2.0  # of intervals: over simulated drives, the truth is that much less likely than chi square allows
-SYSTEMATIC = 0.1  # share by which estimates from twenty simulated drives together are off; more drives do not mend it
+SYSTEMATIC = 0.1  # share by which estimates from many simulated drives together are off; more drives do not mend it
 OUTLIER = 4.0  # standard deviations of a measurement's error beyond which its pair is left out
 
 
