@@ -21,7 +21,7 @@ from firmware.virtual import Plan, VirtualCrunch, World, corridor_cycle
 from firmware.virtual.corridor import centre_line
 from server import config
 from server.replay import Drive, fold
-from server.robots.crunch import Crunch, CrunchParams, make_estimator
+from server.robots.crunch import Crunch, CrunchParams, make_filter
 from slam.evaluate import absolute_error, revisits
 from slam.local_search import LocalSearch
 from slam.path_filter import PathFilter, PathFilterParams
@@ -183,13 +183,13 @@ def fold_of(route: Route, seed: int, length: float, params: CrunchParams) -> Fol
 
 @functools.cache
 def outcome(job: Job) -> Outcome:
-    """Map a drive, once for each job."""
+    """Map a drive, once for each job; nothing is refined."""
     params = setting(job.preset, json.loads(job.changes))
     seen = fold_of(job.route, job.seed, job.length, params)
     estimator = (
         Watched(params.filter_params(), job.seed, job.criterion, job.multinomial)
         if params.estimator == "filter"
-        else make_estimator(params, job.seed)
+        else make_filter(params, job.seed)
     )
     accepted = []
     started = time.process_time()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench.benchmark import Row
 from bench.claims import BENCH, CLAIMS, blur, crossing, pairs, points, resampling, search
 from bench.claims.__main__ import PAGE, picture_of, texts_of
-from bench.claims.drives import Watched, out_and_back, world_of
+from bench.claims.drives import Watched, jobs, out_and_back, outcome, world_of
 from bench.claims.findings import Effort, Findings, markdown, renewed
 from bench.claims.plots import save
 from bench.command import run as run_benchmark
@@ -153,6 +153,17 @@ def test_a_rule_stops_at_the_first_sum_that_it_names(scores, rule):
     )  # fmt: skip
     assert looked == expected
     assert found == pytest.approx(np.mean(scores[:looked]))
+
+
+# Local search
+
+
+def test_a_search_tells_how_many_of_its_tries_it_kept():
+    changes = {"estimator": "search", "perturbations": 20}
+    [job] = jobs(1, 20.0, 50, changes=changes)
+    accepted = outcome(job).accepted
+    assert np.all(np.diff(accepted) >= 0)
+    assert 0 < accepted[-1] <= 20 * len(accepted)
 
 
 # Resampling
