@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.benchmark import Bench, Column, Record, Row, each, middle, tails
+from bench.benchmark import Bench, Record, Row, each, middle
 from bench.recordings import data_folder, read, semireal
 from bench.scores import COLUMNS, against, beside_thesis, of_each, oracle_of, record_of
 from server.formats.logs import read_log
@@ -58,16 +58,20 @@ def five_directions(seed: int) -> Record:
 
 
 def notes(rows: list[Row]) -> Iterator[str]:
-    """Every seed's ATE, and the relations' errors."""
+    """Every seed's ATE, and the relations' errors beside the thesis's and odometry's."""
     yield from of_each(rows, "ate")
     for row in rows:
         if "relations_mean" in row.records[0]:
-            mean, std, turn, worst = (
-                Column("", text).text(row)
-                for text in (middle("relations_mean", 3), middle("relations_std", 3), middle("relations_deg"),
-                             tails("odometry_relations_mean"))
-            )  # fmt: skip
-            yield f"{row.name}, relations: {mean} +- {std} m, {turn} deg (medians over the seeds); odometry {worst} m"
+            ours, thesis, odometry = (relations_of(row, prefix) for prefix in ("", "thesis_", "odometry_"))
+            yield f"{row.name}, relations, medians over the seeds: {ours}; thesis {thesis}; odometry {odometry}"
+
+
+def relations_of(row: Row, prefix: str) -> str:
+    """Mean, standard deviation and angle of a path's relations, medians over the seeds."""
+    mean, std, turn = (
+        middle(f"{prefix}relations_{name}", digits)(row) for name, digits in (("mean", 3), ("std", 3), ("deg", 2))
+    )
+    return f"{mean} +- {std} m, {turn} deg"
 
 
 BENCH = Bench(
