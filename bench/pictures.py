@@ -1,6 +1,6 @@
 """The README's pictures of benchmarks, drawn from the results that `crunch bench` kept.
 
-python -m bench.pictures [calibration scale] [--results build/bench] [--out docs/images]
+python -m bench.pictures [beams calibration scale] [--results build/bench] [--out docs/images]
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from bench.beams import BEAMS, PUBLISHED
 from bench.calibration import DRIVES, VIEWS
 from bench.claims.plots import STYLE, WAYS, panel, picture
 from bench.recordings import CACHE, ROOT
@@ -71,7 +72,29 @@ def scale(result: Result) -> Figure:
     return figure
 
 
-PICTURES: dict[str, Callable[[Result], Figure]] = {"calibration": calibration, "scale": scale}
+def beams(result: Result) -> Figure:
+    """Error of Intel's relations against the number of beams, every run a dot, beside those of others."""
+    figure = picture(2)
+    rows = [row.records for row in result.rows if "mean" in row.records[0]]
+    counts = [records[0]["beams"] for records in rows]
+    ways = {"": "Crunch", "thesis_": "the thesis's filter", "odometry_": "odometry"}
+    for column, (title, key) in enumerate((("mean error (m)", "mean"), ("mean turn error (degrees)", "degrees"))):
+        axes = panel(figure, 0, column, title)
+        for (colour, way), (prefix, label) in zip(WAYS, ways.items(), strict=False):
+            values = [[record[prefix + key] for record in records] for records in rows]
+            axes.plot(counts, [float(np.median(runs)) for runs in values], way, color=colour, label=label)
+            for n, runs in zip(counts, values, strict=True):
+                axes.plot([n] * len(runs), runs, ".", color=colour, markersize=2.0)
+        for (colour, way), (name, published) in zip(WAYS[3:], PUBLISHED.items(), strict=False):
+            axes.plot(published.beams, getattr(published, key), way[0], color=colour, label=f"{name}, published")
+        axes.set(xscale="log", yscale="log", xlabel="beams", xticks=BEAMS, xticklabels=BEAMS)
+        axes.minorticks_off()
+        axes.yaxis.set_major_formatter("{x:g}")
+    figure.axes[1].legend(loc="center right")
+    return figure
+
+
+PICTURES: dict[str, Callable[[Result], Figure]] = {"beams": beams, "calibration": calibration, "scale": scale}
 
 
 def main() -> None:
