@@ -28,11 +28,13 @@ from server.recorded import check_rings, open_log
 from server.report import Report, describe_machine, peak_rss_mb
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
 from slam.bundle import bundle
+from slam.bundled_islands import best_bundled
 from slam.echoes import Echoes, EchoLog
 from slam.evaluate import path_length
 from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
+from slam.refinement import Refined
 from slam.trajectory import correct
 from slam.walls import Walls
 
@@ -108,12 +110,14 @@ def run_log(
 
     drive = fold(log, Crunch(params), extend, progress)
     before = time.perf_counter()
-    path_filter.refine()
-    estimate = path_filter.estimate()
-    trajectory = correct(drive.odometry, drive.rows, estimate.path)
     if len(drive.echoes.points):
-        trajectory = bundled(drive, trajectory, params)
-        estimate = estimate._replace(path=trajectory[drive.rows])
+        nodes = best_bundled(path_filter, lambda path: bundled(drive, path, params)).path
+        trajectory = correct(drive.odometry, drive.echoes.rows, nodes)
+        estimate = path_filter.estimate()._replace(path=trajectory[drive.rows])
+    else:
+        path_filter.refine()
+        estimate = path_filter.estimate()
+        trajectory = correct(drive.odometry, drive.rows, estimate.path)
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
@@ -126,13 +130,13 @@ def run_log(
     return Result(drive, estimate, trajectory, seconds)
 
 
-def bundled(drive: Drive, trajectory: np.ndarray, params: CrunchParams) -> np.ndarray:
-    """The trajectory (n, 3) after the echoes of thin beams along it have been bundled."""
+def bundled(drive: Drive, path: np.ndarray, params: CrunchParams) -> Refined:
+    """What becomes of the places that echoes hang on when those along a path (v, 3) are bundled."""
     rows = drive.echoes.rows
     way = path_length(drive.odometry)[rows]
     chain = Chain.along(drive.odometry[rows], np.diff(way, prepend=way[0]))
-    nodes = bundle(trajectory[rows], chain, drive.echoes, params.filter.motion, params.bundle).path
-    return correct(drive.odometry, rows, nodes)
+    poses = correct(drive.odometry, drive.rows, path)[rows]
+    return bundle(poses, chain, drive.echoes, params.filter.motion, params.bundle)
 
 
 def with_sensors(params: CrunchParams, log: Log) -> CrunchParams:

@@ -39,7 +39,11 @@ class BundleParams(Params):
 
 
 def bundle(poses: np.ndarray, chain: Chain, echoes: Echoes, motion: MotionParams, params: BundleParams) -> Refined:
-    """Better poses for the nodes of `echoes`, which stand at `poses` (n, 3) by a good guess, to half a metre or so."""
+    """Better poses for the nodes of `echoes`, which stand at `poses` (n, 3) by a good guess, to half a metre or so.
+
+    The cost told is what is saved against echoes that match nothing, below 0 as a rule: paths of one drive can be
+    compared by it, and one whose echoes make fewer common walls costs more.
+    """
     poses = np.array(poses, float)
     matches = EchoMatches(echoes, params.sigma, params.partners)
     problem = Problem(chain, motion, [matches], np.zeros(len(poses), complex), 1.0)
@@ -57,7 +61,7 @@ def bundle(poses: np.ndarray, chain: Chain, echoes: Echoes, motion: MotionParams
             kernel=params.kernel * (params.last_kernel / params.kernel) ** done,
         )
         poses, shared, cost = descend(problem, poses, shared, params.steps)
-    return Refined(poses, shared, cost, np.stack([matches.first, matches.second], axis=1))
+    return Refined(poses, shared, cost - matches.unmatched_cost, np.stack([matches.first, matches.second], axis=1))
 
 
 def sparseness_of(chain: Chain, params: EchoParams) -> float:

@@ -188,6 +188,11 @@ class EchoMatches:
         distinct, self.slots = np.unique(pairs, return_inverse=True)
         self.first, self.second = np.divmod(distinct, len(poses))
 
+    @property
+    def unmatched_cost(self) -> float:
+        """What the matches would cost if nothing matched: the most that the kernel lets each cost."""
+        return 0.5 * self.kernel**2 * len(self.matched) if len(self.matched) else 0.0
+
     def terms(self, poses: np.ndarray) -> tuple[float, Terms]:
         """Cost and derivatives at poses (n, 3)."""
         gradients, hessians = np.zeros((len(self.first), 3)), np.zeros((len(self.first), 3, 3))

@@ -32,8 +32,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.g2o", "server.formats.logs", "server.formats.relations", "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
         "server.presets", "server.recording", "server.transport", "server.words",
-        "slam.bundle", "slam.islands", "slam.local_search", "slam.path_filter", "slam.refined_filter",
-        "slam.refinement",
+        "slam.bundle", "slam.bundled_islands", "slam.islands", "slam.local_search", "slam.path_filter",
+        "slam.refined_filter", "slam.refinement",
     ),
     (
         "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry",
