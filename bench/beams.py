@@ -26,10 +26,6 @@ from server.replay import Result, run_log
 from slam.evaluate import relations_error
 from slam.timeline import interpolate
 
-PUBLISHED = {
-    "Sparse-GSLAM": (11, 0.0848, 0.1151),
-    "GMapping": (30, 0.1139, 0.2274),
-}  # beams, mean and std (m), of Intel
 BEAMS = (4, 5, 8, 11, 30)
 MEASURES = (("mean", 4), ("std", 4), ("degrees", 2))
 

@@ -28,9 +28,11 @@ def test_errors_are_drawn_against_beams():
     figure = pictures.beams(result)
     mean, turn = figure.axes
     crunch = mean.get_lines()[0]
-    np.testing.assert_allclose(crunch.get_xdata(), [4, 11])
-    np.testing.assert_allclose(crunch.get_ydata(), [0.06, 0.06], err_msg="the median over the seeds")
-    labels = [text.get_text() for text in turn.get_legend().get_texts()]
+    np.testing.assert_allclose(np.asarray(crunch.get_xdata()), [4, 11])
+    np.testing.assert_allclose(np.asarray(crunch.get_ydata()), [0.06, 0.06], err_msg="the median over the seeds")
+    legend = turn.get_legend()
+    assert legend is not None
+    labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["Crunch", "the thesis's filter", "odometry", "Sparse-GSLAM, published", "GMapping, published"]
     assert [row.cells[2] for row in result.rows][-1] == "-", "no relations of ACES"
     assert any("ACES, by seed (m): 0.2000" in note for note in result.notes)

@@ -63,4 +63,5 @@ def test_the_best_bundled_path_is_told_and_its_island_believed():
     for island, path in hypotheses(path_filter):
         best = best_bundled(path_filter, by_end(path[-1, :2]))
         np.testing.assert_array_equal(best.path, path)
+        assert isinstance(path_filter.path_filter, Islands)
         assert path_filter.path_filter.believed == island
