@@ -27,6 +27,8 @@ from slam.affinity import (
 from slam.params import Params
 from slam.walls import Walls
 
+COHORT = 24  # vertices, that stand for walls of elsewhere
+
 
 class ComparisonParams(Params):
     """Which vertices are compared, and how."""
@@ -34,6 +36,9 @@ class ComparisonParams(Params):
     neighbours: int = Field(default=3, ge=1, le=100)  # earlier vertices compared with a new one, the nearest first
     range: float = Field(default=0.8, gt=0.0)  # m between vertices that are compared
     gap: int = Field(default=8, ge=1)  # vertices that must lie between them, for neighbours share the same readings
+    chance: float = Field(
+        default=0.0, ge=0.0, le=1.0
+    )  # share of what vertices score with walls of elsewhere, taken off
     affinity: AffinityParams = AffinityParams()
 
 
@@ -46,15 +51,20 @@ class Rule(NamedTuple):
     gain: float
     by_points: bool
     segment_scale: float
+    chance: float
     pattern: Pattern
 
 
 class Seen(NamedTuple):
-    """What the kernels need of the vertices' walls: label rasters one after the other (flat), or segments (v, k, 5)."""
+    """What the kernels need of the vertices' walls: label rasters one after the other (flat), or segments (v, k, 5).
+
+    `chances` (v,) is what vertices score with walls of elsewhere.
+    """
 
     labels: np.ndarray
     size: int
     segments: np.ndarray
+    chances: np.ndarray
 
 
 @njit(cache=True, inline="always")
@@ -82,21 +92,39 @@ def pair_affinity(seen, rule, a, xa, ya, theta_a, b, xb, yb, theta_b, cells):
         score = early_affinity(seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells)
     else:
         score = point_affinity(seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells)
-    return rule.gain * score
+    return rule.gain * (score - rule.chance * seen.chances[a])
 
 
 @njit(cache=True, inline="always")
 def points_pair_affinity(seen, rule, a, xa, ya, theta_a, b, xb, yb, theta_b, cells):
     """The same where all test points are looked at: without the other cases beside it the loop is faster by a third."""
-    return rule.gain * point_affinity(
-        seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells
-    )
+    score = point_affinity(seen.labels, seen.size, a, b, xa, ya, theta_a, xb, yb, theta_b, rule.pattern, cells)
+    return rule.gain * (score - rule.chance * seen.chances[a])
 
 
 @njit(cache=True, inline="always")
 def room_for_cells(rule):
     """What comparing a pair needs to work in."""
     return np.empty(rule.pattern.x.size, np.int32), np.empty(rule.pattern.x.size, np.int32)
+
+
+@njit(cache=True, nogil=True)
+def chance_score(seen, rule, newest, others, cells):
+    """What vertex `newest` scores with walls of elsewhere: the median over `others` (n,), each laid on it well.
+
+    They are laid where a path along the same passage would have them: abreast, aside by up to 0.3 m, one way or the
+    other round. Wherever a building looks like itself this is high, and likeness proves little.
+    """
+    best = np.full(others.size, -math.inf)
+    for k in range(others.size):
+        for theta in (0.0, math.pi):
+            for aside in range(-2, 3):
+                score = point_affinity(
+                    seen.labels, seen.size, newest, others[k], 0.0, 0.0, 0.0, 0.0, 0.15 * aside, theta, rule.pattern,
+                    cells,
+                )  # fmt: skip
+                best[k] = max(best[k], score)
+    return np.median(best)
 
 
 @njit(cache=True, nogil=True)
@@ -123,6 +151,16 @@ def path_affinity(poses, first, seen, rule):
     return total
 
 
+def rule_of(params: ComparisonParams, reach: float) -> Rule:
+    """What the kernels need of the parameters, for local maps of this reach (m)."""
+    affinity = params.affinity
+    by_points = affinity.kind == "points"
+    return Rule(
+        params.neighbours, params.range, params.gap, affinity.gain if by_points else affinity.segment_gain, by_points,
+        affinity.segment_scale, params.chance, pattern_of(affinity, reach),
+    )  # fmt: skip
+
+
 class Observations:
     """What is kept of every vertex's walls, by vertex.
 
@@ -138,21 +176,14 @@ class Observations:
         self.n_vertices = 0
         self.labels = np.zeros((64, self.size, self.size) if affinity.kind == "points" else (1, 1, 1), np.int8)
         self.segments = np.zeros((1, 1, 5))
+        self.chances = np.zeros(64)
         self.directions: list[complex] = []
-        self.rule = Rule(
-            params.neighbours,
-            params.range,
-            params.gap,
-            affinity.gain if affinity.kind == "points" else affinity.segment_gain,
-            affinity.kind == "points",
-            affinity.segment_scale,
-            pattern_of(affinity, reach),
-        )
+        self.rule = rule_of(params, reach)
 
     @property
     def seen(self) -> Seen:
         """The same as the kernels take it."""
-        return Seen(self.labels.reshape(-1), self.size, self.segments)
+        return Seen(self.labels.reshape(-1), self.size, self.segments, self.chances)
 
     def add(self, walls: Walls) -> None:
         """Keep what will be compared of the next vertex's walls."""
@@ -164,6 +195,7 @@ class Observations:
                 walls.distances, walls.free, self.size, self.affinity.label_cell, self.affinity.wall_thickness,
                 self.affinity.states, self.reach,
             )  # fmt: skip
+            self.find_chance()
         else:
             rows = wall_segments(walls)
             if self.n_vertices == 0:
@@ -172,3 +204,14 @@ class Observations:
                 self.segments = np.concatenate([self.segments, np.zeros_like(self.segments)])
             self.segments[self.n_vertices] = rows
         self.n_vertices += 1
+
+    def find_chance(self) -> None:
+        """Work out what the newest vertex scores with walls of elsewhere: vertices all along the path."""
+        if self.n_vertices == self.chances.size:
+            self.chances = np.concatenate([self.chances, np.zeros_like(self.chances)])
+        n_earlier = self.n_vertices + 1 - self.rule.gap
+        if n_earlier > 0:
+            others = np.unique(np.linspace(0, n_earlier - 1, COHORT).astype(np.int64))
+            self.chances[self.n_vertices] = chance_score(
+                self.seen, self.rule, self.n_vertices, others, room_for_cells(self.rule)
+            )

@@ -3,14 +3,20 @@
 A filter that closed a loop wrongly has no particle left that closed it rightly, and its weights could not have told:
 they are of random paths, each bent by as much noise as it drew. Islands find different ways through the same walls, and
 the refined best path of each can be told from the others by affinity and plausibility. What all islands saw is stored
-once; each has its own random numbers and one thread at a time. Uses its sibling `path_filter`.
+once; each has its own random numbers and one thread at a time.
+
+Islands also differ in what they hold true of building and robot, for no one belief suits all: that walls stand in a few
+directions keeps the heading in an office and captures it in a round hall; an odometry that may be badly biased can be
+told from a curved corridor only by what comes of it; and that like walls are the same walls closes the loops of a
+building of few readings, but too early where all corridors look alike. A path that comes of a wrong belief scores less.
+Uses its sibling `path_filter`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +26,32 @@ from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
-SMALLEST = 2500  # particles of an island; fewer do not close a long loop surely
+SMALLEST = 1250  # particles of an island; more of them find a way no oftener than more islands do
 SEED = 32  # stream of random numbers, apart from the filters' and the local search's
+
+
+class Belief(NamedTuple):
+    """What an island holds true. `chance` is the comparison's; the others are shares of what the parameters say."""
+
+    chance: float | None  # None: what the parameters say
+    turn_bias: float
+    direction: float
+
+    def of(self, params: PathFilterParams) -> PathFilterParams:
+        """The parameters of an island that holds this true."""
+        motion, direction, comparison = params.motion, params.direction, params.comparison
+        chance = comparison.chance if self.chance is None else self.chance
+        return params.model_copy(update={
+            "motion": motion.model_copy(update={"turn_bias": self.turn_bias * motion.turn_bias}),
+            "direction": direction.model_copy(update={"gain": self.direction * direction.gain}),
+            "comparison": comparison.model_copy(update={"chance": chance}),
+        })  # fmt: skip
+
+
+AS_TOLD = Belief(chance=None, turn_bias=1.0, direction=1.0)
+WARY = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=1.0)  # of likeness; a robot in good order
+FREE = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=0.0)  # wary, and of walls that stand anyhow
+BELIEFS = (AS_TOLD, FREE, WARY, FREE)  # in turn; free ones find their way less often, and are more
 
 
 class Islands:
@@ -32,9 +62,15 @@ class Islands:
         inner = max(1, threads // n)
         self.params = params
         self.pool = ThreadPoolExecutor(min(threads, n)) if min(threads, n) > 1 else None
-        self.observations = Observations(params.comparison, params.reach)
+        # paths are told apart by one measure, the wary one: likeness makes those that merged corridors look good
+        self.observations = Observations((WARY if n > 1 else AS_TOLD).of(params).comparison, params.reach)
         self.filters = [
-            PathFilter(params.model_copy(update={"particles": size}), seed_of(seed, island), inner, self.observations)
+            PathFilter(
+                BELIEFS[island % len(BELIEFS)].of(params.model_copy(update={"particles": size})),
+                seed_of(seed, island),
+                inner,
+                self.observations,
+            )
             for island, size in enumerate(sizes_of(params.particles, n))
         ]
         self.believed = 0  # the island whose path is told

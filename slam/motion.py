@@ -27,7 +27,9 @@ class MotionParams(Params):
     rotation_noise: float = Field(default=0.05, ge=0.0)  # rad per rad turned
     turn_bias: float = Field(default=0.03, ge=0.0)  # rad/m, spread of the particles' biases at the start
     scale_bias: float = Field(default=0.03, ge=0.0)  # share of the distance, likewise
-    jitter: float = Field(default=0.1, ge=0.0)  # of the biases at each resampling, as a share of their first spread
+    jitter: float = Field(
+        default=0.1, ge=0.0, le=1.0
+    )  # of the biases at each resampling, as a share of their first spread
 
 
 class Step(NamedTuple):

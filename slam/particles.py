@@ -3,7 +3,8 @@
 A block is moved, its walk up the path tree is made level by level (only levels that come near the block are looked
 at, the others are jumped over), and its near pairs are compared: each particle, node and test point is touched once.
 Loops run over particles inside and levels outside, so that what one particle branches on its neighbour mostly does too.
-Nothing is allocated within the loop over blocks. Uses its siblings `comparison`, `motion` and `path_tree`.
+Nothing is allocated within the loop over blocks. Uses its siblings `comparison`, `motion`, `path_tree` and
+`wall_direction`.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from slam.comparison import pair_affinity, points_pair_affinity, room_for_cells
 from slam.counter_random import gaussian_of
 from slam.motion import SCALE_JITTER, TURN_JITTER, propagate
 from slam.path_tree import climb
+from slam.wall_direction import fresh_directions
 
 BLOCK = 1024  # particles: what is worked on for them fits the second cache
 
 
 class Particles(NamedTuple):
-    """State of n particles: (n,) each, `directions` (n, 2)."""
+    """State of n particles: (n,) each, `directions` as of `slam.wall_direction`."""
 
     log_weights: np.ndarray
     affinities: np.ndarray
@@ -36,7 +38,7 @@ class Particles(NamedTuple):
 def equal_particles(turn_biases: np.ndarray, scale_biases: np.ndarray) -> Particles:
     """Particles (n,) of these biases that nothing is known of yet."""
     n = turn_biases.size
-    return Particles(np.zeros(n), np.zeros(n), np.zeros(n), turn_biases, scale_biases, np.zeros((n, 2)))
+    return Particles(np.zeros(n), np.zeros(n), np.zeros(n), turn_biases, scale_biases, fresh_directions(n))
 
 
 @njit(cache=True, inline="always")
@@ -159,41 +161,15 @@ def insert(near, where, squares, level, rows, n):
 
 
 @njit(cache=True, nogil=True)
-def align(poses, particles, seen, gain, memory, outliers, low, high):
-    """Weigh particles low..high by how the walls' direction `seen` agrees with those that their paths saw before.
-
-    `seen` is cos and sin of 4 angles, times its strength. A particle's `directions` are its running resultant in its
-    world frame; it takes the new direction up.
-    """
-    strength = math.hypot(seen[0], seen[1])
-    for p in range(low, high):
-        theta = poses[p, 2]
-        cos, sin = math.cos(4.0 * theta), math.sin(4.0 * theta)
-        x, y = cos * seen[0] - sin * seen[1], sin * seen[0] + cos * seen[1]
-        before_x, before_y = particles.directions[p, 0], particles.directions[p, 1]
-        length = math.sqrt(before_x * before_x + before_y * before_y)
-        if length > 1e-6 and strength > 0.0:
-            sharpness = gain * strength * min(1.0, length)
-            agreement = (x * before_x + y * before_y) / (length * strength)
-            gained = math.log(
-                (1.0 - outliers) * math.exp(sharpness * (agreement - 1.0)) + outliers * math.exp(-sharpness)
-            )
-            particles.log_weights[p] += gained
-            particles.affinities[p] += gained
-        particles.directions[p, 0], particles.directions[p, 1] = memory * before_x + x, memory * before_y + y
-
-
-@njit(cache=True, nogil=True)
-def inherit(particles, ancestors, turn_jitter, scale_jitter, key, children, low, high):
-    """Make `children` low..high of their `ancestors` (n,); all weigh the same, and biases are jittered."""
+def inherit(particles, ancestors, kept, turn_jitter, scale_jitter, key, children, low, high):
+    """Make `children` low..high of their `ancestors` (n,); of one weight, biases `kept` in part and jittered."""
     for p in range(low, high):
         parent = ancestors[p]
         children.log_weights[p] = 0.0
         children.affinities[p] = particles.affinities[parent]
         children.plausibilities[p] = particles.plausibilities[parent]
-        children.directions[p, 0] = particles.directions[parent, 0]
-        children.directions[p, 1] = particles.directions[parent, 1]
-        turn, scale = particles.turn_biases[parent], particles.scale_biases[parent]
+        children.directions[p] = particles.directions[parent]
+        turn, scale = kept * particles.turn_biases[parent], kept * particles.scale_biases[parent]
         if turn_jitter > 0.0:
             turn += turn_jitter * gaussian_of(key, p, TURN_JITTER)
         if scale_jitter > 0.0:

@@ -17,34 +17,27 @@ import numpy as np
 from pydantic import Field
 
 from slam import resampling
-from slam.comparison import ComparisonParams, Observations
+from slam.comparison import ComparisonParams, Observations, rule_of
 from slam.counter_random import uniform, vertex_key
 from slam.motion import OFFSET, SCALE_BIAS, TURN_BIAS, MotionParams, Step, draw_biases, step_of
 from slam.params import Params
-from slam.particles import BLOCK, align, equal_particles, extend, inherit
+from slam.particles import BLOCK, equal_particles, extend, inherit
 from slam.path_tree import PathTree
 from slam.pose import between
 from slam.resampling import exponentials, normalize, systematic
 from slam.uncertainty import Uncertainty, uncertainty
+from slam.wall_direction import DirectionParams, align
 from slam.walls import Walls
 
 Task = Callable[[int, int], None]  # does its work for what lies from one number to another
 PARTS = 4  # per thread, so that one that is held up leaves some to the others
 
 
-class DirectionParams(Params):
-    """The wall-direction prior: buildings have two wall directions, mostly; where not, the outliers' share rules."""
-
-    gain: float = Field(default=2.0, ge=0.0)  # 0 switches it off
-    memory: float = Field(default=0.98, ge=0.0, le=1.0)  # of the particle's own wall directions, per vertex
-    outliers: float = Field(default=0.15, ge=0.0, le=1.0)  # share of vertices whose walls obey no common direction
-
-
 class PathFilterParams(Params):
     """Size of the filter and when it resamples; how paths are extended and compared."""
 
     particles: int = Field(default=20_000, ge=1, le=2_000_000)
-    islands: int = Field(default=8, ge=1, le=64)  # filters that never mix (`slam.islands`), of 2,500 particles at least
+    islands: int = Field(default=16, ge=1, le=64)  # filters that never mix (`slam.islands`), of 1,250 particles or more
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
     reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()
@@ -79,6 +72,7 @@ class PathFilter:
         self.pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.noise = np.array([motion.turn_noise, motion.distance_noise, motion.rotation_noise])
         self.observations = shared or Observations(params.comparison, params.reach)
+        self.rule = rule_of(params.comparison, params.reach)
         self.is_sharing = shared is not None
         self.vertices = 0
         self.odometry = np.zeros(3)
@@ -86,6 +80,7 @@ class PathFilter:
         self.particles = equal_particles(
             draw_biases(motion.turn_bias, seed, 0, TURN_BIAS, n), draw_biases(motion.scale_bias, seed, 0, SCALE_BIAS, n)
         )
+        self.known_directions = 0.0  # strength of the wall directions that the particles have learned from
         self.weights = np.empty(n)  # the newest, up to a factor
         self.effective = float(n)
         self.resamplings = 0
@@ -116,7 +111,7 @@ class PathFilter:
         """Extend every path by the motion model, and weigh it by what the newest vertex saw."""
         start = tree.grow()
         key = np.uint64(vertex_key(self.seed, self.vertices))
-        seen, rule = self.observations.seen, self.observations.rule
+        seen, rule = self.observations.seen, self.rule
         align = self.alignment(tree.nodes.poses[start : tree.n_nodes])
 
         def task(low: int, high: int) -> None:
@@ -131,9 +126,13 @@ class PathFilter:
         params, seen = self.params.direction, self.observations.directions[-1]
         if params.gain == 0.0:
             return lambda low, high: None
+        known = self.known_directions
+        if abs(seen) > 0.0:  # a vertex without a direction teaches nothing, and makes nothing be forgotten
+            self.known_directions = params.memory * known + abs(seen)
         return lambda low, high: align(
-            poses, self.particles, (seen.real, seen.imag), params.gain, params.memory, params.outliers, low, high
-        )
+            poses, self.particles, (seen.real, seen.imag), known,
+            params.gain, params.memory, params.prior, params.outliers, low, high,
+        )  # fmt: skip
 
     def in_parts(self, n: int, task: Task) -> None:
         """Run task(low, high) over 0..n, on as many threads as there are."""
@@ -174,9 +173,10 @@ class PathFilter:
             self.tree.resample(ancestors)
         children = equal_particles(np.empty(n_particles), np.empty(n_particles))
         jitters = motion.jitter * motion.turn_bias, motion.jitter * motion.scale_bias
+        kept = math.sqrt(1.0 - motion.jitter**2)  # so that biases keep the spread that they have at first
         key, parents = np.uint64(vertex_key(self.seed, self.resamplings)), self.particles
         self.in_parts(
-            n_particles, lambda low, high: inherit(parents, ancestors, *jitters, key, children, low, high)
+            n_particles, lambda low, high: inherit(parents, ancestors, kept, *jitters, key, children, low, high)
         )  # fmt: skip
         self.particles = children
         if self.weights.size != n_particles:

@@ -20,7 +20,7 @@ from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
-from slam.refinement import Beat, Refined, Refinement, RefinementParams
+from slam.refinement import Beat, Refinement, RefinementParams
 from slam.uncertainty import Uncertainty
 from slam.wall_matching import WallPoints, wall_points
 from slam.walls import Walls
@@ -102,15 +102,17 @@ class RefinedFilter:
             return
         n = self.n_refined = len(self.odometry)
         self.is_quick = is_quick
-        refinement = self.refinement()
+        plain, squared = self.refinement(is_square=False), self.refinement(is_square=True)
         if is_quick:
             best = self.path_filter.estimate(1).path.astype(float)
             start, rounds = best, None
             if self.correction is not None and is_like(self.correction.before, best):
                 start, rounds = self.correction.apply(best, best, np.arange(n)), 1
-            refined = refinement.run(start, rounds, beat)
         else:
-            best, refined = self.best_of_islands(refinement, beat)
+            best, start = self.best_of_islands(plain, squared, beat)
+            rounds = None
+        refinement = squared if squareness(start, plain, squared) > 0.0 else plain
+        refined = refinement.run(start, rounds, beat)
         if self.score(refinement, refined.path) <= self.score(refinement, best):
             self.correction = None
             return
@@ -119,24 +121,25 @@ class RefinedFilter:
         seen = covariances.seen_from(n - 1, marginals)
         self.correction = Correction(best, refined.path, covariances, spread_of(marginals), spread_of(seen))
 
-    def best_of_islands(self, refinement: Refinement, beat: Beat) -> tuple[np.ndarray, Refined]:
-        """The path (n, 3), and what became of it, of the island whose refined path scores best; it is believed."""
+    def best_of_islands(self, plain: Refinement, squared: Refinement, beat: Beat) -> tuple[np.ndarray, np.ndarray]:
+        """The path (n, 3), and the same refined, of the island whose refined path scores best; it is believed.
+
+        Whether the building is square is left open: the likelier of both counts.
+        """
         if not isinstance(self.path_filter, Islands):
             best = self.path_filter.estimate(1).path.astype(float)
-            return best, refinement.run(best, None, beat)
+            return best, plain.run(best, None, beat).path
         paths = self.path_filter.candidates()
-        refined = [refinement.run(path, None, beat) for path in paths]
-        scores = [self.score(refinement, one.path) for one in refined]
+        refined = [plain.run(path, None, beat).path for path in paths]
+        scores = [self.score(plain, path) + max(0.0, squareness(path, plain, squared)) for path in refined]
         best = int(np.argmax(scores))
         self.path_filter.believe(best)
-        if best != len(paths) - 1:  # the covariances are of the path that was matched last
-            refined[best] = refinement.run(paths[best], None, beat)
         return paths[best], refined[best]
 
-    def refinement(self) -> Refinement:
-        """The problem of all vertices so far."""
+    def refinement(self, is_square: bool) -> Refinement:
+        """The problem of all vertices so far, with the building's wall directions or without."""
         chain = Chain(Chain.along(np.array(self.odometry)).motions, np.array(self.travelled))
-        directions = np.array(self.path_filter.observations.directions)
+        directions = np.array(self.path_filter.observations.directions) if is_square else None
         return Refinement(chain, joined(self.points), self.motion, self.params, directions)
 
     def prepare(self) -> None:
@@ -148,7 +151,7 @@ class RefinedFilter:
         small.refine()
 
     def score(self, refinement: Refinement, path: np.ndarray) -> float:
-        """Affinity and plausibility of a path (n, 3), the walls' directions among it."""
+        """Affinity and plausibility of a path (n, 3), and of the walls' directions where the problem has them."""
         seen = self.path_filter.observations
         return float(path_affinity(path, 0, seen.seen, seen.rule)) + refinement.prior.log_density(path)
 
@@ -179,6 +182,11 @@ class RefinedFilter:
             np.pad(self.correction.revisit_spread, (0, n_new), "edge"),
             branches,
         )
+
+
+def squareness(path: np.ndarray, plain: Refinement, squared: Refinement) -> float:
+    """By how much likelier (log) walls along a path (n, 3) stand in two directions at right angles than anyhow."""
+    return squared.prior.log_density(path) - plain.prior.log_density(path)
 
 
 def is_like(before: np.ndarray, best: np.ndarray) -> bool:

@@ -16,6 +16,7 @@ nothing but its arguments.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
@@ -28,9 +29,13 @@ from slam.params import Params
 from slam.pose import wrap
 from slam.pose_covariance import Covariances
 from slam.pose_graph import Border, NormalEquations, Terms
+from slam.wall_direction import BLUR
 from slam.wall_matching import Matching, Nearness, WallMatches, WallPoints
 
 Beat = Callable[[], None]
+
+SHARPNESS = BLUR**-2  # von Mises concentration of four times a wall's direction
+PEAK = math.exp(SHARPNESS) / float(np.i0(SHARPNESS))  # density where it is greatest, relative to any direction's
 
 LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
@@ -38,8 +43,8 @@ LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its 
 class RefinementParams(Params):
     """How a path is refined; `rounds = 0` switches it off."""
 
-    rounds: int = Field(default=6, ge=0, le=100)  # points are matched anew in each
-    steps: int = Field(default=8, ge=1, le=1000)  # of the search in a round, at most
+    rounds: int = Field(default=4, ge=0, le=100)  # points are matched anew in each
+    steps: int = Field(default=3, ge=1, le=1000)  # of the search in a round, at most
     range: float = Field(default=0.7, gt=0.0)  # m between nodes whose walls are compared
     visits: int = Field(default=3, ge=1, le=1000)  # earlier visits that a node is compared with, the nearest first
     gap: int = Field(default=8, ge=1)  # nodes that must lie between them, for neighbours share the same readings
@@ -48,7 +53,7 @@ class RefinementParams(Params):
     like: float = Field(default=0.9, ge=-1.0, le=1.0)  # cosine between the normals of points that may match
     sigma: float = Field(default=0.2, gt=0.0)  # m of a matched point; large, as the points of a pair err together
     kernel: float = Field(default=0.1, gt=0.0)  # m beyond which a match counts less and less, in the last round
-    direction: float = Field(default=2.0, ge=0.0)  # gain of the walls' directions; 0 switches them off
+    direction: float = Field(default=0.5, ge=0.0)  # gain of the walls' directions, which neighbours share; 0: off
     outliers: float = Field(default=0.15, gt=0.0, lt=1.0)  # share of nodes whose walls obey no common direction
 
 
@@ -118,21 +123,20 @@ class Problem:
     def add_directions(self, poses: np.ndarray, shared: np.ndarray, border: Border) -> float:
         """Add how the walls' directions agree with the building's; the cost.
 
-        A node's log density is that of the filter: a share 1 - outliers of exp(k cos 4 delta) and the rest of a
-        constant, so that what obeys no common direction is let go.
+        Walls stand about the building's direction, but for a share of outliers that stand anyhow and are let go. As in
+        the filter, a node's log density counts as much as its direction is strong.
         """
         delta = 4.0 * (poses[:, 2] - shared[2]) + np.angle(self.directions)
-        sharpness = np.abs(self.directions)
-        obeys = (1.0 - self.outliers) * np.exp(sharpness * (np.cos(delta) - 1.0))
-        strays = self.outliers * np.exp(-sharpness)
-        weights = sharpness * obeys / (obeys + strays)
+        gains = np.abs(self.directions)
+        obeys = (1.0 - self.outliers) * PEAK * np.exp(SHARPNESS * (np.cos(delta) - 1.0))
+        weights = gains * SHARPNESS * obeys / (obeys + self.outliers)
         gradients, hessians = 4.0 * weights * np.sin(delta), 16.0 * weights
         border.pose_gradients[:, 2] += gradients
         border.pose_hessians[:, 2, 2] += hessians
         border.mixed[:, 2, 2] -= hessians
         border.gradient[2] -= np.sum(gradients)
         border.hessian[2, 2] += np.sum(hessians)
-        return -float(np.sum(np.log(obeys + strays)))
+        return -float(np.sum(gains * np.log(obeys + self.outliers)))
 
     def log_density(self, poses: np.ndarray) -> float:
         """How likely poses (n, 3) are, up to a constant, under the best values of the shared unknowns."""

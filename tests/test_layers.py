@@ -24,7 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "slam.path_tree", "slam.planning", "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder",
         "slam.resampling", "slam.sonar_noise", "slam.suggestions", "slam.sweep_filling", "slam.thinning",
         "slam.timeline", "slam.trajectory", "slam.uncertainty", "slam.variance_components", "slam.vfh",
-        "slam.wall_matching", "slam.walls",
+        "slam.wall_direction", "slam.wall_matching", "slam.walls",
     ),
     (
         "server", "server.channels", "server.clock", "server.errors", "server.formats", "server.formats.atomic",

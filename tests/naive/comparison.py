@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 
 
 def nearest_earlier(path, newest, rule):
@@ -17,3 +18,9 @@ def path_affinity(path, first, rule, score):
     """Sum of score(newest, other) from vertex `first` on."""
     newer = range(first, len(path))
     return sum(score(newest, other) for newest in newer for other in nearest_earlier(path, newest, rule))
+
+
+def chance(newest, others, score):
+    """What `newest` scores with walls of elsewhere: the median of the best of ten ways to lay each."""
+    ways = [(0.0, aside, turn) for turn in (0.0, math.pi) for aside in (-0.3, -0.15, 0.0, 0.15, 0.3)]
+    return statistics.median(max(score(newest, (0.0, 0.0, 0.0), other, way) for way in ways) for other in others)

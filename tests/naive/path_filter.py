@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from tests.naive import comparison, counter_random, motion
+from tests.naive import comparison, counter_random, motion, wall_direction
 from tests.naive import pose as se2
 
 TURN_BIAS, SCALE_BIAS, TURN_JITTER, SCALE_JITTER, OFFSET = range(2, 7)  # streams
@@ -20,13 +20,13 @@ class Particle:
         self.path = [pose]
         self.turn_bias, self.scale_bias = turn_bias, scale_bias
         self.log_weight = self.affinity = self.plausibility = 0.0
-        self.direction = 0j
+        self.directions = []  # four times a wall's angle, and how strongly that is remembered
 
-    def copy(self, turn_jitter, scale_jitter):
+    def copy(self, kept, turn_jitter, scale_jitter):
         """A child, which weighs what all weigh."""
-        child = Particle(self.path[0], self.turn_bias + turn_jitter, self.scale_bias + scale_jitter)
+        child = Particle(self.path[0], kept * self.turn_bias + turn_jitter, kept * self.scale_bias + scale_jitter)
         child.path = list(self.path)
-        child.affinity, child.plausibility, child.direction = self.affinity, self.plausibility, self.direction
+        child.affinity, child.plausibility, child.directions = self.affinity, self.plausibility, self.directions
         return child
 
     def gain(self, log_likelihood):
@@ -87,18 +87,15 @@ class PathFilter:
             particle.gain(self.score(newest, particle.path[newest], other, particle.path[other]))
 
     def align(self, particle, seen):
-        """Mixture of agreement with the particle's own mean direction and of none."""
+        """How likely the walls stand as they do, given all that the particle saw stand."""
         model = self.params.direction
-        if model.gain == 0.0:
+        if model.gain == 0.0 or abs(seen) == 0.0:
             return
-        turned = seen * cmath.exp(4j * particle.path[-1][2])
-        mean = particle.direction
-        if abs(mean) > 1e-6 and abs(seen) > 0.0:
-            sharpness = model.gain * abs(seen) * min(1.0, abs(mean))
-            cosine = math.cos(cmath.phase(turned) - cmath.phase(mean))
-            regular, any_way = math.exp(sharpness * (cosine - 1.0)), math.exp(-sharpness)
-            particle.gain(math.log((1.0 - model.outliers) * regular + model.outliers * any_way))
-        particle.direction = model.memory * mean + turned
+        angle = cmath.phase(seen * cmath.exp(4j * particle.path[-1][2]))
+        likely = wall_direction.density(angle, particle.directions, model.prior)
+        particle.gain(model.gain * abs(seen) * math.log((1.0 - model.outliers) * max(0.0, likely) + model.outliers))
+        older = [(before, model.memory * strength) for before, strength in particle.directions]
+        particle.directions = [*older, (angle, abs(seen))]
 
     def weights(self):
         likelihoods = np.exp([particle.log_weight for particle in self.particles])
@@ -114,6 +111,7 @@ class PathFilter:
         parents = np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right")
         self.particles = [
             self.particles[parent].copy(
+                math.sqrt(1.0 - model.jitter**2),
                 self.bias(model.jitter * model.turn_bias, len(self.resampled_at), TURN_JITTER, child),
                 self.bias(model.jitter * model.scale_bias, len(self.resampled_at), SCALE_JITTER, child),
             )

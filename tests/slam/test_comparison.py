@@ -10,13 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slam.comparison import (
+    COHORT,
     ComparisonParams,
     Observations,
     keep_nearest,
     pair_affinity,
     path_affinity,
     room_for_cells,
+    rule_of,
 )
+from slam.walls import Walls
 from tests.naive import affinity as naive_affinity
 from tests.naive import comparison as naive
 from tests.naive.walls import cast, rectangle
@@ -169,3 +172,47 @@ def test_the_raster_holds_the_reach_and_the_walls_behind_it():
         sigma = params_of().affinity.spread * reach
         pattern = observations.rule.pattern
         assert math.isclose(np.std([pattern.x, pattern.y]) * pattern.cell, sigma, rel_tol=0.1)
+
+
+# Chance
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_chance_scores_is_the_median_of_the_best_ways_to_lay_walls_of_elsewhere(seed):
+    params = params_of(chance=0.6)
+    _, seen = observed(wandering(seed), params)
+    plain, cells = rule_of(params_of(), REACH), room_for_cells(seen.rule)
+
+    def score(a, pose_a, b, pose_b):
+        return pair_affinity(seen.seen, plain, a, *pose_a, b, *pose_b, cells) / plain.gain
+
+    for newest in range(seen.n_vertices):
+        n_earlier = newest + 1 - seen.rule.gap
+        if n_earlier <= 0:
+            assert seen.chances[newest] == 0.0, "there is no elsewhere yet"
+            continue
+        others = sorted({int(other) for other in np.linspace(0, n_earlier - 1, COHORT)})
+        assert seen.chances[newest] == pytest.approx(naive.chance(newest, others, score), abs=1e-6)
+
+
+def test_a_share_of_chance_is_taken_off_each_pair():
+    path = wandering(5)
+    _, seen = observed(path, params_of(chance=0.6))
+    rules = rule_of(params_of(), REACH), rule_of(params_of(chance=0.6), REACH)
+    for newest in range(10, 40, 3):
+        pair = newest, *path[newest], newest - 9, *path[newest - 9], room_for_cells(seen.rule)
+        plain, wary = (pair_affinity(seen.seen, rule, *pair) for rule in rules)
+        assert plain - wary == pytest.approx(0.6 * rules[0].gain * seen.chances[newest])
+
+
+def test_like_corridors_score_much_by_chance_and_a_place_of_its_own_little():
+    corridor = Walls(np.full(N_RAYS, np.inf), np.full(N_RAYS, 1.2 * REACH))
+    angles = 2.0 * np.pi * np.arange(N_RAYS) / N_RAYS
+    sides = 0.6 / np.maximum(1e-3, np.abs(np.sin(angles)))
+    corridor = Walls(np.where(sides < REACH, sides, np.inf), np.minimum(sides, REACH))
+    niche = cast(np.array([0.1, 0.2, 0.3]), rectangle(0.0, 0.0, 0.9, 0.7), N_RAYS, REACH)
+    seen = Observations(params_of(), REACH)
+    for walls in [corridor] * 20 + [niche]:
+        seen.add(walls)
+    assert seen.chances[19] > 0.2
+    assert seen.chances[20] < 0.5 * seen.chances[19]
