@@ -169,7 +169,7 @@ def mean(key: str) -> Callable[[Row], str]:
 
 BENCH = Bench(
     name="calibration",
-    about="does the truth lie as often within the regions of 50, 68, 90 and 95 % as it should? 2,000 particles",
+    about="does the truth lie as often within the regions of 50, 68, 90 and 95 % as it should?",
     rows=rows,
     columns=(
         Column("drives", runs),

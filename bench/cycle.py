@@ -36,7 +36,7 @@ def run(case: Cycle, seed: int) -> Record:
 
 BENCH = Bench(
     name="cycle",
-    about="two laps of a 50 m corridor cycle, 2,000 particles: drift, second lap reversed, corridor widths",
+    about="two laps of a 50 m corridor cycle: drift, second lap reversed, corridor widths",
     rows=each(run, CASES),
     columns=COLUMNS,
     seeds=100,

@@ -1,4 +1,4 @@
-"""A 250 m drive through real floor plans (the length of the thesis's Figure 6) with 5,000 particles, drift medium."""
+"""A 250 m drive through real floor plans (the length of the thesis's Figure 6) with drift medium."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from bench.benchmark import Bench, Record, each
 from bench.recordings import floor, read
 from bench.scores import COLUMNS, against, beside_thesis, oracle_of
 
-PARTICLES = 5000
+PARTICLES = 5000  # of the thesis
 
 
 def run(name: str, seed: int) -> Record:
@@ -17,7 +17,7 @@ def run(name: str, seed: int) -> Record:
 
 BENCH = Bench(
     name="floor",
-    about="250 m through real floor plans, drift medium, 5,000 particles; a seed is a tour",
+    about="250 m through real floor plans, drift medium; a seed is a tour",
     rows=each(run, {"freiburg": "freiburg", "longwood": "longwood"}),
     columns=COLUMNS,
     seeds=10,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from bench.benchmark import Bench, Column, Crew, Record, Row, figures, middle, runs, share
 from bench.recordings import cycle, read
-from bench.scores import params_of
+from bench.scores import PARTICLES, params_of
 from firmware.virtual import DRIFTS
 from server.odometry_calibration import linearised
 from server.replay import run_log
@@ -30,7 +30,7 @@ COMPARED = {"turn_noise": 1, "distance_noise": 0}  # and which column of `DRIFTS
 def run(drift: str, seed: int) -> Linearised:
     """What the odometry of one drive says where its map comes back to a place."""
     log, _, _ = read(cycle(seed, drift))
-    params = params_of()
+    params = params_of(filter={"particles": PARTICLES})
     return linearised(run_log(log, params, seed), params.filter_params().reach)
 
 

@@ -21,7 +21,7 @@ from server.replay import Result
 from slam.evaluate import relations_error
 from slam.timeline import interpolate
 
-PARTICLES = 5000
+PARTICLES = 5000  # of the thesis
 FIVE = "Intel, five directions"
 
 
@@ -76,7 +76,7 @@ def relations_of(row: Row, prefix: str) -> str:
 
 BENCH = Bench(
     name="real",
-    about="semi-real Intel and ACES, and Intel's real beams in five directions; 5,000 particles",
+    about="semi-real Intel and ACES, and Intel's real beams in five directions",
     rows=each(run, {"semi-real Intel": "intel", "semi-real ACES": "aces", FIVE: FIVE}),
     columns=COLUMNS,
     seeds=20,

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.benchmark import Bench, Column, Crew, Record, Row, figures, middle, runs
 from bench.recordings import read, semireal
-from bench.scores import params_of
+from bench.scores import PARTICLES, params_of
 from server.messages import Effect, Keyframe, Ranges
 from server.replay import fold, run_log, warm_up
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
@@ -46,7 +46,7 @@ class Timed(Crunch):
 
 def run(preset: str, seed: int, started: float) -> Record:
     """One drive in a process that was started at `started` (s since 1970)."""
-    params = params_of(preset)
+    params = params_of(preset, {"particles": PARTICLES})
     warm_up(params, 1)
     startup = time.time() - started
     log = read(semireal("intel", seed))[0]

@@ -76,7 +76,7 @@ def run(case: tuple[str, str], seed: int) -> Record:
 
 BENCH = Bench(
     name="worlds",
-    about="slanted, round and mixed walls, corridors side by side, 2,000 particles: who gets lost",
+    about="slanted, round and mixed walls, corridors side by side: who gets lost",
     rows=each(run, {f"{world}, {drift}": (world, drift) for world in WORLDS for drift in ("medium", "high")}),
     columns=(
         Column("runs", runs),
