@@ -169,7 +169,7 @@ def extension(state: State) -> Iterator[tuple[str, Measured]]:
     direction = state.path_filter.params.direction
     aligning = Work(bytes=76, flops=30, calls=5)
     seconds = best_time(align, [(
-        state.poses, particles, (0.8, 0.1), direction.gain, direction.memory, direction.outliers, 0, n
+        state.poses, particles, (0.8, 0.1), 10.0, direction.gain, direction.memory, direction.prior, direction.outliers, 0, n
     )])  # fmt: skip
     yield "align with the walls' directions", Measured(seconds, n, "particle", aligning)
     whole = sum_of((moving, walking, comparing), (1.0, 1.0, n_pairs / n))
@@ -198,7 +198,7 @@ def resampling(state: State) -> Iterator[tuple[str, Measured]]:
     seconds = best_time(systematic, [(uneven, 0.5, n)])
     yield "draw ancestors", Measured(seconds, n, "particle", Work(bytes=16, flops=6))
     ancestors, children = systematic(uneven, 0.5, n), equal_particles(np.empty(n), np.empty(n))
-    seconds = best_time(inherit, [(particles, ancestors, 1e-3, 1e-3, state.key, children, 0, n)])
+    seconds = best_time(inherit, [(particles, ancestors, 0.995, 1e-3, 1e-3, state.key, children, 0, n)])
     yield "inherit", Measured(seconds, n, "particle", Work(bytes=164, flops=2 * GAUSSIAN + 4))
     tree.settle()
     times = []

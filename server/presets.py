@@ -36,7 +36,7 @@ BEAMS: dict[str, Any] = {
     "crunch": {
         "local_map": {"farthest": 10.0 / 3.0, "bridge": 2.0},
         "filter": {
-            "direction": {"gain": 1.0},
+            "direction": {"gain": 0.5},
             "comparison": {"affinity": {"differ": -3.0, "gain": 8.0, "spread": 0.4}},
         },
         "bundle": {"rounds": 14},

@@ -62,17 +62,16 @@ class Islands:
         inner = max(1, threads // n)
         self.params = params
         self.pool = ThreadPoolExecutor(min(threads, n)) if min(threads, n) > 1 else None
-        # paths are told apart by one measure, the wary one: likeness makes those that merged corridors look good
-        self.observations = Observations((WARY if n > 1 else AS_TOLD).of(params).comparison, params.reach)
+        beliefs = BELIEFS if n > 1 and params.beliefs == "several" else (AS_TOLD,)
+        # paths are told apart by the wariest measure: likeness makes those look good that merged corridors
+        self.observations = Observations(beliefs[-1].of(params).comparison, params.reach)
         self.filters = [
             PathFilter(
-                BELIEFS[island % len(BELIEFS)].of(params.model_copy(update={"particles": size})),
-                seed_of(seed, island),
-                inner,
-                self.observations,
+                beliefs[island % len(beliefs)].of(params.model_copy(update={"particles": size})),
+                seed_of(seed, island), inner, self.observations,
             )
             for island, size in enumerate(sizes_of(params.particles, n))
-        ]
+        ]  # fmt: skip
         self.believed = 0  # the island whose path is told
 
     @property

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -38,6 +38,7 @@ class PathFilterParams(Params):
 
     particles: int = Field(default=20_000, ge=1, le=2_000_000)
     islands: int = Field(default=16, ge=1, le=64)  # filters that never mix (`slam.islands`), of 1,250 particles or more
+    beliefs: Literal["several", "one"] = "several"  # whether islands differ in what they hold true of the building
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
     reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()
