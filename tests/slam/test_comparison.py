@@ -184,7 +184,9 @@ def test_what_chance_scores_is_the_median_of_the_best_ways_to_lay_walls_of_elsew
     plain, cells = rule_of(params_of(), REACH), room_for_cells(seen.rule)
 
     def score(a, pose_a, b, pose_b):
-        return pair_affinity(seen.seen, plain, a, *pose_a, b, *pose_b, cells) / plain.gain
+        xa, ya, theta_a = pose_a
+        xb, yb, theta_b = pose_b
+        return pair_affinity(seen.seen, plain, a, xa, ya, theta_a, b, xb, yb, theta_b, cells) / plain.gain
 
     for newest in range(seen.n_vertices):
         n_earlier = newest + 1 - seen.rule.gap
@@ -200,8 +202,12 @@ def test_a_share_of_chance_is_taken_off_each_pair():
     _, seen = observed(path, params_of(chance=0.6))
     rules = rule_of(params_of(), REACH), rule_of(params_of(chance=0.6), REACH)
     for newest in range(10, 40, 3):
-        pair = newest, *path[newest], newest - 9, *path[newest - 9], room_for_cells(seen.rule)
-        plain, wary = (pair_affinity(seen.seen, rule, *pair) for rule in rules)
+        xa, ya, theta_a = path[newest]
+        xb, yb, theta_b = path[newest - 9]
+        plain, wary = (
+            pair_affinity(seen.seen, rule, newest, xa, ya, theta_a, newest - 9, xb, yb, theta_b, room_for_cells(rule))
+            for rule in rules
+        )
         assert plain - wary == pytest.approx(0.6 * rules[0].gain * seen.chances[newest])
 
 
