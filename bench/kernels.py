@@ -169,7 +169,8 @@ def extension(state: State) -> Iterator[tuple[str, Measured]]:
     direction = state.path_filter.params.direction
     aligning = Work(bytes=116, flops=90, calls=3)
     seconds = best_time(align, [(
-        state.poses, particles, (0.8, 0.1), 10.0, direction.gain, direction.memory, direction.prior, direction.outliers, 0,
+        state.poses, particles, (0.8, 0.1), 10.0,
+        direction.gain, direction.memory, direction.prior, direction.outliers, 0,
         n,
     )])  # fmt: skip
     yield "align with the walls' directions", Measured(seconds, n, "particle", aligning)
