@@ -28,15 +28,13 @@ THESIS: dict[str, Any] = {
 CRAZYFLIE: dict[str, Any] = {
     "crunch": {"filter": {"motion": {"turn_noise": 0.02, "turn_bias": 0.01}}, "bundle": {"rounds": 14}}
 }
-# Beams that see far: they tell more of the building's directions than short ones, so that a vertex's word counts less;
-# one label in a hundred is wrong rather than one in ten, so that disagreement says more; walls stand about a corridor's
-# width off, not as far as the beams reach; sweeps come so seldom that what lies between them is filled in; and single
-# echoes are exact enough to be bundled.
+# Beams that see far: one label in a hundred is wrong rather than one in ten, so that disagreement says more; walls stand
+# about a corridor's width off, not as far as the beams reach; sweeps come so seldom that what lies between them is
+# filled in; and single echoes are exact enough to be bundled.
 BEAMS: dict[str, Any] = {
     "crunch": {
         "local_map": {"farthest": 10.0 / 3.0, "bridge": 2.0},
         "filter": {
-            "direction": {"gain": 0.5},
             "comparison": {"affinity": {"differ": -3.0, "gain": 8.0, "spread": 0.4}},
         },
         "bundle": {"rounds": 14},

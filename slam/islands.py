@@ -49,7 +49,7 @@ class Belief(NamedTuple):
 
 
 AS_TOLD = Belief(chance=None, turn_bias=1.0, direction=1.0)
-WARY = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=1.0)  # of likeness; a robot in good order
+WARY = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=2.0)  # of likeness, not of walls; a robot in good order
 FREE = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=0.0)  # wary, and of walls that stand anyhow
 BELIEFS = (AS_TOLD, FREE, WARY, FREE)  # in turn; free ones find their way less often, and are more
 

@@ -23,7 +23,7 @@ BLUR = math.radians(16.0)  # of four angles: how far a wall's direction errs, in
 class DirectionParams(Params):
     """How far the directions of walls are believed."""
 
-    gain: float = Field(default=1.0, ge=0.0)  # of the log density; 0 switches it off
+    gain: float = Field(default=0.5, ge=0.0)  # of the log density, for neighbours see the same walls; 0 switches it off
     memory: float = Field(default=0.98, ge=0.0, le=1.0)  # of the directions seen, per vertex
     prior: float = Field(default=2.0, gt=0.0)  # vertices' worth of belief that walls stand anyhow
     outliers: float = Field(default=0.15, gt=0.0, le=1.0)  # share of vertices whose walls obey nothing seen before

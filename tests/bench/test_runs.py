@@ -48,7 +48,6 @@ def test_odometry():
 
 
 def test_ablation(monkeypatch):
-    monkeypatch.setattr(ablation, "PARTICLES", 300)
     monkeypatch.setattr(ablation, "DRIVES", ("medium",))
     names = [ablation.WHOLE, "hindsight", ablation.ODOMETRY]
     monkeypatch.setattr(ablation, "INGREDIENTS", {name: ablation.INGREDIENTS[name] for name in names[:2]})
