@@ -10,7 +10,7 @@ import math
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any, NamedTuple
@@ -57,7 +57,7 @@ def each(run: Callable[[Any, int], Record], cases: Mapping[str, Any]) -> Callabl
 
     def rows(crew: Crew) -> Iterator[Row]:
         for name, case in cases.items():
-            if crew.wants(name):
+            if crew.wants(name, cases):
                 yield Row(name, crew.map(run, [(case, seed) for seed in range(crew.seeds)], name))
 
     return rows
@@ -83,8 +83,10 @@ class Crew:
             self.pool.shutdown(cancel_futures=True)
             self.pool = None
 
-    def wants(self, name: str) -> bool:
-        """Whether a row of this name is to be made."""
+    def wants(self, name: str, names: Collection[str] = ()) -> bool:
+        """Whether a row of this name is to be made; of `names`, the one that is asked for in full alone."""
+        if self.only in names:
+            return name == self.only
         return not self.only or re.search(rf"(?<!\w){re.escape(self.only)}(?!\w)", name) is not None
 
     def map(self, run: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], title: str) -> list[Any]:
