@@ -167,13 +167,15 @@ class PathTree:
         start = self.n_nodes
         wanted = start + self.leaves.size
         rows, levels = self.nodes.parents.size, len(self.nodes.boxes)
-        if wanted > rows or self.n_levels == levels:
-            room = reserved(max(2 * rows, wanted) if wanted > rows else rows, 2 * levels)
+        if self.n_levels == levels:  # nodes stay where they are: a million particles' would take a second to copy
+            more = reserved(0, 2 * levels)
+            more.starts[: levels + 1], more.boxes[:levels] = self.nodes.starts, self.nodes.boxes
+            self.nodes = self.nodes._replace(starts=more.starts, boxes=more.boxes)
+        if wanted > rows:
+            room = reserved(max(2 * rows, wanted), 1)
             for field in ("poses", "parents", "jumps"):
                 getattr(room, field)[:start] = getattr(self.nodes, field)[:start]
-            room.starts[: levels + 1] = self.nodes.starts
-            room.boxes[:levels] = self.nodes.boxes
-            self.nodes = room
+            self.nodes = self.nodes._replace(poses=room.poses, parents=room.parents, jumps=room.jumps)
         self.n_levels += 1
         self.nodes.starts[self.n_levels] = wanted
         return start

@@ -83,8 +83,10 @@ def test_the_map_is_nearer_to_the_truth_than_odometry(tmp_path):
 
 
 def test_seed_decides_the_bytes_and_threads_do_not(room_log, tmp_path):
-    for name, chosen in {"a": options(), "b": options(), "threads": options(threads=2), "seed": options(1)}.items():
-        replay(room_log, tmp_path / name, chosen)
+    """Of the filter's path: refined, all seeds may come to the same."""
+    plain = {"crunch": {**FEW["crunch"], "refinement": {"rounds": 0}}}
+    for name, seed, threads in (("a", 0, 1), ("b", 0, 1), ("threads", 0, 2), ("seed", 1, 1)):
+        replay(room_log, tmp_path / name, Options(seed=seed, threads=threads, flags=plain))
     first = (tmp_path / "a" / "trajectory.tum").read_bytes()
     assert (tmp_path / "b" / "trajectory.tum").read_bytes() == first
     assert (tmp_path / "threads" / "trajectory.tum").read_bytes() == first
