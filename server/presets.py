@@ -29,8 +29,8 @@ CRAZYFLIE: dict[str, Any] = {
     "crunch": {"filter": {"motion": {"turn_noise": 0.02, "turn_bias": 0.01}}, "bundle": {"rounds": 14}}
 }
 # Beams that see far: one label in a hundred is wrong rather than one in ten, so that disagreement says more; walls
-# stand about a corridor's width off, not as far as the beams reach; sweeps come so seldom that what lies between them is
-# filled in; and single echoes are exact enough to be bundled.
+# stand about a corridor's width off, not as far as the beams reach; sweeps come so seldom that what lies between them
+# is filled in; and single echoes are exact enough to be bundled.
 BEAMS: dict[str, Any] = {
     "crunch": {
         "local_map": {"farthest": 10.0 / 3.0, "bridge": 2.0},

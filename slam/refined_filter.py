@@ -122,19 +122,25 @@ class RefinedFilter:
         self.correction = Correction(best, refined.path, covariances, spread_of(marginals), spread_of(seen))
 
     def best_of_islands(self, plain: Refinement, squared: Refinement, beat: Beat) -> tuple[np.ndarray, np.ndarray]:
-        """The path (n, 3), and the same refined, of the island whose refined path scores best; it is believed.
-
-        Whether the building is square is left open: the likelier of both counts.
-        """
+        """The path (n, 3), and the same refined, of the island whose refined path scores best; it is believed."""
         if not isinstance(self.path_filter, Islands):
             best = self.path_filter.estimate(1).path.astype(float)
             return best, plain.run(best, None, beat).path
         paths = self.path_filter.candidates()
-        refined = [plain.run(path, None, beat).path for path in paths]
-        scores = [self.score(plain, path) + max(0.0, squareness(path, plain, squared)) for path in refined]
-        best = int(np.argmax(scores))
+        refined = self.scored(paths, plain, squared, beat)
+        best = int(np.argmax([score for score, _ in refined]))
         self.path_filter.believe(best)
-        return paths[best], refined[best]
+        return paths[best], refined[best][1]
+
+    def scored(
+        self, paths: list[np.ndarray], plain: Refinement, squared: Refinement, beat: Beat = lambda: None
+    ) -> list[tuple[float, np.ndarray]]:
+        """What each path (n, 3) scores once refined, and what it has become.
+
+        Whether the building is square is left open: the likelier of both counts.
+        """
+        refined = [plain.run(path, None, beat).path for path in paths]
+        return [(self.score(plain, path) + max(0.0, squareness(path, plain, squared)), path) for path in refined]
 
     def refinement(self, is_square: bool) -> Refinement:
         """The problem of all vertices so far, with the building's wall directions or without."""
