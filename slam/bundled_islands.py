@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slam.islands import Islands
-from slam.refined_filter import RefinedFilter, squareness
+from slam.refined_filter import RefinedFilter
 from slam.refinement import Refined
 
 APART = 1.0  # m by which paths differ somewhere that bundling would not make one
@@ -28,15 +28,15 @@ def hypotheses(path_filter: RefinedFilter) -> list[tuple[int, np.ndarray]]:
     if not isinstance(islands, Islands) or len(islands.filters) == 1 or path_filter.params.rounds == 0:
         path_filter.refine()
         return [(getattr(islands, "believed", 0), path_filter.estimate(1).path)]
-    plain, squared = path_filter.refinement(is_square=False), path_filter.refinement(is_square=True)
-    scored = path_filter.scored(islands.candidates(), plain, squared)
+    refinement = path_filter.refinement()
+    paths = [refinement.run(path).path for path in islands.candidates()]
+    scores = [path_filter.score(refinement, path) for path in paths]
     chosen: list[tuple[int, np.ndarray]] = []
-    for island in np.argsort([score for score, _ in scored], kind="stable")[::-1]:
-        path = scored[island][1]
-        if not any(is_near(path, other) for _, other in chosen):
-            chosen.append((int(island), path))
+    for island in np.argsort(scores, kind="stable")[::-1]:
+        if not any(is_near(paths[island], other) for _, other in chosen):
+            chosen.append((int(island), paths[island]))
     return [
-        (island, squared.run(path).path if squareness(path, plain, squared) > 0.0 else path)
+        (island, refinement.run(path, is_square=True).path if refinement.squareness(path) > 0.0 else path)
         for island, path in chosen[:MOST]
     ]
 

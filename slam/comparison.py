@@ -36,9 +36,7 @@ class ComparisonParams(Params):
     neighbours: int = Field(default=3, ge=1, le=100)  # earlier vertices compared with a new one, the nearest first
     range: float = Field(default=0.8, gt=0.0)  # m between vertices that are compared
     gap: int = Field(default=8, ge=1)  # vertices that must lie between them, for neighbours share the same readings
-    chance: float = Field(
-        default=0.0, ge=0.0, le=1.0
-    )  # share of what vertices score with walls of elsewhere, taken off
+    chance: float = Field(default=0.0, ge=0.0, le=1.0)  # share of what a vertex's points score elsewhere, taken off
     affinity: AffinityParams = AffinityParams()
 
 
@@ -124,7 +122,7 @@ def chance_score(seen, rule, newest, others, cells):
                     cells,
                 )  # fmt: skip
                 best[k] = max(best[k], score)
-    return np.median(best)
+    return max(0.0, np.median(best))  # walls unlike any others are no more likely to be met
 
 
 @njit(cache=True, nogil=True)

@@ -27,20 +27,21 @@ from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
 SMALLEST = 1250  # particles of an island; more of them find a way no oftener than more islands do
+FEWEST = 100  # particles of an island that was shed of some
 SEED = 32  # stream of random numbers, apart from the filters' and the local search's
 
 
 class Belief(NamedTuple):
-    """What an island holds true. `chance` is the comparison's; the others are shares of what the parameters say."""
+    """What an island holds true: the comparison's `chance`, and shares of what the parameters say of the rest."""
 
-    chance: float | None  # None: what the parameters say
+    chance: float  # at least
     turn_bias: float
     direction: float
 
     def of(self, params: PathFilterParams) -> PathFilterParams:
         """The parameters of an island that holds this true."""
         motion, direction, comparison = params.motion, params.direction, params.comparison
-        chance = comparison.chance if self.chance is None else self.chance
+        chance = max(comparison.chance, self.chance)
         return params.model_copy(update={
             "motion": motion.model_copy(update={"turn_bias": self.turn_bias * motion.turn_bias}),
             "direction": direction.model_copy(update={"gain": self.direction * direction.gain}),
@@ -48,7 +49,7 @@ class Belief(NamedTuple):
         })  # fmt: skip
 
 
-AS_TOLD = Belief(chance=None, turn_bias=1.0, direction=1.0)
+AS_TOLD = Belief(chance=0.0, turn_bias=1.0, direction=1.0)
 WARY = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=2.0)  # of likeness, not of walls; a robot in good order
 FREE = Belief(chance=0.6, turn_bias=1.0 / 3.0, direction=0.0)  # wary, and of walls that stand anyhow
 BELIEFS = (AS_TOLD, FREE, WARY, FREE)  # in turn; free ones find their way less often, and are more
@@ -63,8 +64,9 @@ class Islands:
         self.params = params
         self.pool = ThreadPoolExecutor(min(threads, n)) if min(threads, n) > 1 else None
         beliefs = BELIEFS if n > 1 and params.beliefs == "several" else (AS_TOLD,)
-        # paths are told apart by the wariest measure: likeness makes those look good that merged corridors
-        self.observations = Observations(beliefs[-1].of(params).comparison, params.reach)
+        # paths are told apart by a wary measure: likeness makes those look good that merged corridors
+        measure = WARY if WARY in beliefs else AS_TOLD
+        self.observations = Observations(measure.of(params).comparison, params.reach)
         self.filters = [
             PathFilter(
                 beliefs[island % len(beliefs)].of(params.model_copy(update={"particles": size})),
@@ -78,11 +80,6 @@ class Islands:
     def n_particles(self) -> int:
         """How many particles there are now on all islands."""
         return sum(island.n_particles for island in self.filters)
-
-    @property
-    def n_nodes(self) -> int:
-        """How many nodes the islands' trees have."""
-        return sum(island.tree.n_nodes for island in self.filters if island.tree is not None)
 
     @property
     def resamplings(self) -> int:
@@ -104,8 +101,13 @@ class Islands:
         list(map(task, self.filters) if self.pool is None else self.pool.map(task, self.filters))
 
     def resize(self, n_particles: int) -> None:
-        """Change the number of particles, keeping the islands and their distributions."""
-        for island, size in zip(self.filters, sizes_of(n_particles, len(self.filters)), strict=True):
+        """Change the number of particles; islands too small for use are given up for good, the believed one last."""
+        n = max(1, min(len(self.filters), n_particles // FEWEST))
+        if n < len(self.filters):
+            kept = sorted([self.believed, *(i for i in range(len(self.filters)) if i != self.believed)][:n])
+            self.believed = kept.index(self.believed)
+            self.filters = [self.filters[island] for island in kept]
+        for island, size in zip(self.filters, sizes_of(n_particles, n), strict=True):
             island.resize(size)
 
     def candidates(self) -> list[np.ndarray]:
@@ -124,7 +126,7 @@ class Islands:
         """What the believed island knows now; RuntimeError before the first vertex."""
         effective = sum(island.effective for island in self.filters)
         now = self.filter.estimate(max_particles)
-        return now._replace(n_particles=self.n_particles, effective_particles=effective)
+        return now._replace(n_particles=self.n_particles, effective_particles=effective, resamplings=self.resamplings)
 
 
 def seed_of(seed: int, island: int) -> int:

@@ -38,7 +38,7 @@ class PathFilterParams(Params):
 
     particles: int = Field(default=20_000, ge=1, le=2_000_000)
     islands: int = Field(default=16, ge=1, le=64)  # filters that never mix (`slam.islands`), of 1,250 particles or more
-    beliefs: Literal["several", "one"] = "several"  # whether islands differ in what they hold true of the building
+    beliefs: Literal["several", "one"] = "several"  # whether islands differ in what they hold true (`slam.islands`)
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
     reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's
     motion: MotionParams = MotionParams()
@@ -92,8 +92,15 @@ class PathFilter:
         return self.particles.log_weights.size
 
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
-        """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""
+        """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one.
+
+        ValueError for a pose or way that is no number, or a way back in time.
+        """
         pose = np.array(pose, float)
+        if not np.all(np.isfinite(pose)) or not (travelled is None or 0.0 <= travelled < math.inf):
+            raise ValueError(
+                f"vertex {self.vertices}: pose {pose}, {travelled} m travelled: neither may be nan or negative"
+            )
         if not self.is_sharing:
             self.observations.add(walls)
         if self.tree is None:
@@ -185,7 +192,9 @@ class PathFilter:
         self.resamplings += 1
 
     def resize(self, n_particles: int) -> None:
-        """Change the number of particles, keeping the distribution."""
+        """Change the number of particles, keeping the distribution; ValueError for none."""
+        if n_particles < 1:
+            raise ValueError(f"{n_particles} particles: a filter has one at least")
         if n_particles != self.n_particles:
             self.resample(normalize(self.particles.log_weights), n_particles)
             self.effective = float(n_particles)

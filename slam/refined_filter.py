@@ -1,7 +1,7 @@
 """A path filter whose estimate is its best path refined, so that the map people see is the refined one.
 
 The filter itself goes on undisturbed, except that the island whose refined path scores best is the one that is told.
-`refine` may take a second for a thousand vertices and island, and is called when there is time for it; `estimate` costs
+`refine` may take a few seconds for a thousand vertices, and is called when there is time for it; `estimate` costs
 nothing more than the filter's, and hangs vertices that came since on the refined path's end. Uses its siblings
 `islands`, `local_search`, `path_filter` and `refinement`.
 """
@@ -18,6 +18,7 @@ from slam.local_search import LocalSearch
 from slam.motion import MotionParams
 from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
+from slam.path_tree import STRIDE
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
 from slam.refinement import Beat, Refinement, RefinementParams
@@ -27,6 +28,7 @@ from slam.walls import Walls
 
 JUMP = 0.3  # m by which the filter's best path must differ from the one refined last for a fresh start
 SHARE = 0.05  # of the vertices that may come before it is due again
+CHALLENGERS = 3  # islands that a quick refinement compares with the believed one
 
 
 class Correction(NamedTuple):
@@ -60,6 +62,7 @@ class RefinedFilter:
         self.correction: Correction | None = None
         self.n_refined = 0  # vertices that the last refinement knew
         self.is_quick = False  # whether it was a quick one
+        self.turn = 0  # of the islands that quick ones compare with
 
     @property
     def n_particles(self) -> int:
@@ -70,10 +73,15 @@ class RefinedFilter:
         """Go on with another number of particles."""
         self.path_filter.resize(n_particles)
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is nothing to refine and no island to choose."""
+        return self.params.rounds == 0 and not isinstance(self.path_filter, Islands)
+
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
         """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""
         self.path_filter.extend(pose, walls, travelled)
-        if self.params.rounds == 0:
+        if self.is_idle:
             return
         moved = np.hypot(*between(self.odometry[-1], pose)[:2]) if self.odometry else 0.0
         self.odometry.append(np.array(pose, float))
@@ -94,72 +102,67 @@ class RefinedFilter:
     def refine(self, is_quick: bool = False, beat: Beat = lambda: None) -> None:
         """Bring the refined path up to date: a function of the vertices alone, whatever was refined before.
 
-        A quick one is of the believed island alone, and goes on from the last, in a single round, where the filter
-        still thinks alike of the past.
-        `beat` is called now and then.
+        A quick one goes on from the last where the filter still thinks alike of the past, and compares the believed
+        island with a few others only, which take turns. `beat` is called now and then.
         """
         if not self.is_rough:
             return
         n = self.n_refined = len(self.odometry)
         self.is_quick = is_quick
-        plain, squared = self.refinement(is_square=False), self.refinement(is_square=True)
-        if is_quick:
-            best = self.path_filter.estimate(1).path.astype(float)
-            start, rounds = best, None
-            if self.correction is not None and is_like(self.correction.before, best):
-                start, rounds = self.correction.apply(best, best, np.arange(n)), 1
-        else:
-            best, start = self.best_of_islands(plain, squared, beat)
-            rounds = None
-        refinement = squared if squareness(start, plain, squared) > 0.0 else plain
-        refined = refinement.run(start, rounds, beat)
-        if self.score(refinement, refined.path) <= self.score(refinement, best):
+        refinement = self.refinement()
+        starts = self.starts(is_quick)
+        refined = {island: refinement.run(path, None, beat).path for island, path in starts.items()}
+        best = max(refined, key=lambda island: self.score(refinement, refined[island]))
+        if isinstance(self.path_filter, Islands):
+            self.path_filter.believe(best)
+        before = self.path_filter.estimate(1).path.astype(float)
+        after = refinement.run(refined[best], None, beat, refinement.squareness(refined[best]) > 0.0)
+        if self.score(refinement, after.path) <= self.score(refinement, before):
             self.correction = None
             return
-        covariances = refinement.covariances(refined)
+        covariances = refinement.covariances(after)
         marginals = covariances.marginals()
         seen = covariances.seen_from(n - 1, marginals)
-        self.correction = Correction(best, refined.path, covariances, spread_of(marginals), spread_of(seen))
+        self.correction = Correction(before, after.path, covariances, spread_of(marginals), spread_of(seen))
 
-    def best_of_islands(self, plain: Refinement, squared: Refinement, beat: Beat) -> tuple[np.ndarray, np.ndarray]:
-        """The path (n, 3), and the same refined, of the island whose refined path scores best; it is believed."""
+    def starts(self, is_quick: bool) -> dict[int, np.ndarray]:
+        """The paths (n, 3) that are refined, by island."""
         if not isinstance(self.path_filter, Islands):
-            best = self.path_filter.estimate(1).path.astype(float)
-            return best, plain.run(best, None, beat).path
-        paths = self.path_filter.candidates()
-        refined = self.scored(paths, plain, squared, beat)
-        best = int(np.argmax([score for score, _ in refined]))
-        self.path_filter.believe(best)
-        return paths[best], refined[best][1]
+            believed, starts = 0, {0: self.path_filter.estimate(1).path.astype(float)}
+        else:
+            believed, paths = self.path_filter.believed, self.path_filter.candidates()
+            others = [island for island in range(len(paths)) if island != believed]
+            if is_quick and others:
+                first = self.turn % len(others)
+                others = [*others[first:], *others[:first]][:CHALLENGERS]
+                self.turn += CHALLENGERS
+            starts = {island: paths[island] for island in (believed, *others)}
+        best = starts[believed]
+        if is_quick and self.correction is not None and is_like(self.correction.before, best):
+            starts[believed] = self.correction.apply(best, best, np.arange(len(best)))
+        return starts
 
-    def scored(
-        self, paths: list[np.ndarray], plain: Refinement, squared: Refinement, beat: Beat = lambda: None
-    ) -> list[tuple[float, np.ndarray]]:
-        """What each path (n, 3) scores once refined, and what it has become.
-
-        Whether the building is square is left open: the likelier of both counts.
-        """
-        refined = [plain.run(path, None, beat).path for path in paths]
-        return [(self.score(plain, path) + max(0.0, squareness(path, plain, squared)), path) for path in refined]
-
-    def refinement(self, is_square: bool) -> Refinement:
-        """The problem of all vertices so far, with the building's wall directions or without."""
+    def refinement(self) -> Refinement:
+        """The problem of all vertices so far."""
         chain = Chain(Chain.along(np.array(self.odometry)).motions, np.array(self.travelled))
-        directions = np.array(self.path_filter.observations.directions) if is_square else None
+        directions = np.array(self.path_filter.observations.directions)
         return Refinement(chain, joined(self.points), self.motion, self.params, directions)
 
     def prepare(self) -> None:
         """Compile or load every kernel that `refine` needs, so that its first call takes no longer than others."""
         near = self.path_filter.params.comparison
-        small = RefinedFilter(PathFilter(PathFilterParams(particles=8, comparison=near)), self.motion, self.params)
-        for step in range(3):
-            small.extend(np.array([0.5 * step, 0.0, 0.0]), Walls(np.full(16, 0.8), np.full(16, 0.8)))
+        always = PathFilterParams(particles=8, threshold=1.0, comparison=near.model_copy(update={"gap": 1}))
+        small = RefinedFilter(PathFilter(always), self.motion, self.params)
+        for step in range(2 * STRIDE):
+            ranges = np.where(np.arange(16) % 4 < 2 + step % 2, 0.8, 0.6)
+            small.extend(np.array([0.1 * step, 0.0, 0.0]), Walls(ranges, ranges))
         small.refine()
 
     def score(self, refinement: Refinement, path: np.ndarray) -> float:
-        """Affinity and plausibility of a path (n, 3), and of the walls' directions where the problem has them."""
+        """Affinity and plausibility of a path (n, 3), in a square building or not, whichever is likelier."""
         seen = self.path_filter.observations
-        return float(path_affinity(path, 0, seen.seen, seen.rule)) + refinement.prior.log_density(path)
+        affinity = float(path_affinity(path, 0, seen.seen, seen.rule))
+        return affinity + refinement.log_density(path) + max(0.0, refinement.squareness(path))
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """What is known now, the path as refined last; RuntimeError before the first vertex."""
@@ -188,11 +191,6 @@ class RefinedFilter:
             np.pad(self.correction.revisit_spread, (0, n_new), "edge"),
             branches,
         )
-
-
-def squareness(path: np.ndarray, plain: Refinement, squared: Refinement) -> float:
-    """By how much likelier (log) walls along a path (n, 3) stand in two directions at right angles than anyhow."""
-    return squared.prior.log_density(path) - plain.prior.log_density(path)
 
 
 def is_like(before: np.ndarray, best: np.ndarray) -> bool:

@@ -150,7 +150,8 @@ class Problem:
 class Refinement:
     """The problem of one path: `run` it from a guess, ask for `covariances` and how likely a path is.
 
-    `directions` (n,) are complex as of `slam.affinity.wall_direction`.
+    `directions` (n,) are complex as of `slam.affinity.wall_direction`. They pull only where told to: in a building
+    whose walls stand in two directions at right angles, of which a path's `squareness` is the evidence.
     """
 
     def __init__(
@@ -161,25 +162,37 @@ class Refinement:
         params: RefinementParams,
         directions: np.ndarray | None = None,
     ):
-        n = len(chain.travelled)
-        seen = np.zeros(n, complex) if directions is None else params.direction * directions
+        none = np.zeros(len(chain.travelled), complex)
+        seen = none if directions is None else params.direction * directions
         self.params = params
         self.matches = WallMatches(walls)
-        self.prior = Problem(chain, motion, [], seen, params.outliers)
-        self.problem = Problem(chain, motion, [self.matches], seen, params.outliers)
+        self.priors = [Problem(chain, motion, [], pulling, params.outliers) for pulling in (none, seen)]
+        self.problems = [Problem(chain, motion, [self.matches], pulling, params.outliers) for pulling in (none, seen)]
+        self.problem = self.problems[0]  # that ran last
 
-    def run(self, poses: np.ndarray, rounds: int | None = None, beat: Beat = lambda: None) -> Refined:
+    def run(
+        self, poses: np.ndarray, rounds: int | None = None, beat: Beat = lambda: None, is_square: bool = False
+    ) -> Refined:
         """Refine `poses` (n, 3), which are a good guess already, in the last few `rounds` if not in all.
 
         `beat` is called after each, for those who wait.
         """
         poses = np.array(poses, float)
+        self.problem = self.problems[is_square]
         shared, cost, last = self.problem.start(poses), 0.0, self.params.rounds
         for round_ in range(0 if rounds is None else max(0, last - rounds), last):
             self.associate(poses, round_)
             poses, shared, cost = descend(self.problem, poses, shared, self.params.steps)
             beat()
         return Refined(poses, shared, cost, self.matches.pairs)
+
+    def log_density(self, poses: np.ndarray) -> float:
+        """How likely the motions of poses (n, 3) are, up to a constant."""
+        return self.priors[0].log_density(poses)
+
+    def squareness(self, poses: np.ndarray) -> float:
+        """By how much likelier (log) walls along poses (n, 3) stand in two directions at right angles than anyhow."""
+        return self.priors[1].log_density(poses) - self.priors[0].log_density(poses)
 
     def associate(self, poses: np.ndarray, round_: int) -> None:
         """Match points at `poses` (n, 3); gates and kernels narrow from the first round to the last."""
@@ -203,8 +216,10 @@ def refine(
     params: RefinementParams,
     directions: np.ndarray | None = None,
 ) -> Refined:
-    """Refine `poses` (n, 3), which are a good guess already."""
-    return Refinement(chain, walls, motion, params, directions).run(poses)
+    """Refine `poses` (n, 3), which are a good guess already; with `directions`, where the building turns out square."""
+    refinement = Refinement(chain, walls, motion, params, directions)
+    refined = refinement.run(poses)
+    return refinement.run(refined.path, is_square=True) if refinement.squareness(refined.path) > 0.0 else refined
 
 
 def descend(

@@ -2,8 +2,9 @@
 
 Every particle keeps how often walls stood in which direction of its own frame, modulo 90 degrees, as the first few
 harmonics of that distribution. A wall is as likely as it stands where walls stood. A building with two wall directions
-gives one peak, slanted wings one each, and a round one none: there every wall is as likely as any other, and says
-nothing. Strong directions count more than faint ones.
+gives one peak, slanted wings one each. Where walls turn steadily, as in a round hall, the density is flat along the
+true path, but a path bent until they stand alike gains: such buildings are for islands that believe in no directions
+(`slam.islands`). Strong directions count more than faint ones.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pydantic import Field
 
 from slam.params import Params
 
-HARMONICS = 5  # of four angles: peaks of some 4 degrees are told apart
+HARMONICS = 5  # of four angles: directions 12 degrees apart are told apart
 BLUR = math.radians(16.0)  # of four angles: how far a wall's direction errs, in the kernel density
 
 

@@ -44,10 +44,10 @@ def by_end(place: np.ndarray):
 
 def test_islands_that_differ_are_told_apart_likeliest_first():
     path_filter = driven(8, is_blind=True, noise=0.3)
-    problems = path_filter.refinement(is_square=False), path_filter.refinement(is_square=True)
+    refinement = path_filter.refinement()
     found = hypotheses(path_filter)
     assert 2 <= len(found) <= MOST
-    scores = [score for score, _ in path_filter.scored([path for _, path in found], *problems)]
+    scores = [path_filter.score(refinement, path) for _, path in found]
     assert scores == sorted(scores, reverse=True)
     for place, (_, path) in enumerate(found):
         assert not any(is_near(path, other) for _, other in found[:place]), f"{APART} m apart at least"

@@ -212,7 +212,6 @@ def test_a_share_of_chance_is_taken_off_each_pair():
 
 
 def test_like_corridors_score_much_by_chance_and_a_place_of_its_own_little():
-    corridor = Walls(np.full(N_RAYS, np.inf), np.full(N_RAYS, 1.2 * REACH))
     angles = 2.0 * np.pi * np.arange(N_RAYS) / N_RAYS
     sides = 0.6 / np.maximum(1e-3, np.abs(np.sin(angles)))
     corridor = Walls(np.where(sides < REACH, sides, np.inf), np.minimum(sides, REACH))
@@ -221,4 +220,4 @@ def test_like_corridors_score_much_by_chance_and_a_place_of_its_own_little():
     for walls in [corridor] * 20 + [niche]:
         seen.add(walls)
     assert seen.chances[19] > 0.2
-    assert seen.chances[20] < 0.5 * seen.chances[19]
+    assert 0.0 <= seen.chances[20] < 0.5 * seen.chances[19]

@@ -164,6 +164,18 @@ def test_wall_directions_keep_the_heading_without_any_loop():
     assert headings[1.0] < 0.6 * headings[0.0]
 
 
+@pytest.mark.parametrize("pose", [[math.nan, 0.0, 0.0], [0.0, math.inf, 0.0], [0.0, 0.0, -math.inf]])
+def test_a_pose_that_is_no_number_is_refused_and_nothing_is_lost(pose):
+    found = PathFilter(params_of(particles=20), seed=1)
+    found.extend(np.zeros(3), nothing_seen())
+    with pytest.raises(ValueError, match="vertex 1"):
+        found.extend(np.array(pose), nothing_seen())
+    with pytest.raises(ValueError, match="-0.5 m travelled"):
+        found.extend(np.zeros(3), nothing_seen(), -0.5)
+    found.extend(np.array([0.5, 0.0, 0.0]), nothing_seen())
+    assert np.all(np.isfinite(found.estimate().path))
+
+
 # Chance
 
 

@@ -11,6 +11,7 @@ from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import between, compose, wrap
 from slam.suggestions import SuggestionParams, gains, sampled_paths, suggest
 from slam.uncertainty import Branches
+from slam.wall_direction import DirectionParams
 from tests.slam.drives import REACH, laps
 
 PARAMS = SuggestionParams()
@@ -102,7 +103,7 @@ def test_a_certain_path_needs_nothing():
 
 def test_a_closed_lap_is_worth_less_than_an_open_one():
     drive = laps(n_laps=1.2, turn_bias=0.01, seed=4)
-    path_filter = PathFilter(PathFilterParams(particles=400, reach=REACH), seed=2)
+    path_filter = PathFilter(PathFilterParams(particles=400, reach=REACH, direction=DirectionParams(gain=0.0)), seed=2)
     greatest = []
     for pose, walls, travelled in zip(drive.odometry, drive.walls, drive.travelled, strict=True):
         path_filter.extend(pose, walls, travelled)
