@@ -37,7 +37,7 @@ class Adviser:
         self.suggestions: list[Suggestion] = []
         self.work: Future[list[Suggestion]] | None = None
         self.asked = -math.inf
-        self.seen = 0.0  # the best path's affinity when it was asked
+        self.seen = 0, 0.0  # vertices and affinity of the best path when it was asked
 
     def tick(self, t: float, look: Callable[[], Snapshot]) -> None:
         """To be called often while somebody watches, with a way to look at the robot if need be."""
@@ -51,8 +51,9 @@ class Adviser:
             return
         self.asked = t
         snapshot = look()
-        if snapshot.affinity != self.seen:
-            self.seen = snapshot.affinity
+        seen = len(snapshot.path), snapshot.affinity
+        if seen != self.seen:
+            self.seen = seen
             self.work = self.executor.submit(advise, snapshot, self.params, self.cost)
 
 

@@ -23,6 +23,5 @@ def path_affinity(path, first, rule, score):
 def chance(newest, others, score):
     """What `newest` scores with walls of elsewhere: the median of the best of ten ways to lay each."""
     ways = [(0.0, aside, turn) for turn in (0.0, math.pi) for aside in (-0.3, -0.15, 0.0, 0.15, 0.3)]
-    return max(
-        0.0, statistics.median(max(score(newest, (0.0, 0.0, 0.0), other, way) for way in ways) for other in others)
-    )
+    best = [max(score(newest, (0.0, 0.0, 0.0), other, way) for way in ways) for other in others]
+    return max(0.0, statistics.median(best))

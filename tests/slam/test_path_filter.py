@@ -170,7 +170,7 @@ def test_a_pose_that_is_no_number_is_refused_and_nothing_is_lost(pose):
     found.extend(np.zeros(3), nothing_seen())
     with pytest.raises(ValueError, match="vertex 1"):
         found.extend(np.array(pose), nothing_seen())
-    with pytest.raises(ValueError, match="-0.5 m travelled"):
+    with pytest.raises(ValueError, match=r"-0\.5 m travelled"):
         found.extend(np.zeros(3), nothing_seen(), -0.5)
     found.extend(np.array([0.5, 0.0, 0.0]), nothing_seen())
     assert np.all(np.isfinite(found.estimate().path))
