@@ -160,6 +160,21 @@ def test_a_bent_drive_is_straightened():
     assert np.array_equal(found.path, again.path)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_right_path_costs_less_than_one_whose_second_lap_went_elsewhere(seed):
+    """Though fewer of the wrong one's echoes match; too few rounds are left for it to come back."""
+    truth, odometry = drifting(seed=seed)
+    params = BundleParams(rounds=3)
+    echoes = gathered(truth, odometry, params.echoes)
+    right, half = truth[echoes.rows], len(echoes.rows) // 2
+    astray = right.copy()
+    astray[half:] = compose(np.array([1.3, 0.9, math.radians(25.0)]), right[half:])
+    chain = Chain.along(odometry[echoes.rows])
+    found, lost = (bundle(start, chain, echoes, MotionParams(), params) for start in (right, astray))
+    assert worst(found.path, right) < 0.1 < 0.3 < worst(lost.path, right)
+    assert found.cost < lost.cost - 50.0
+
+
 def test_nothing_to_bundle_changes_nothing():
     truth, odometry = drifting()
     echoes = gathered(truth, odometry, EchoParams())
