@@ -63,8 +63,7 @@ def settings_of(name: str) -> CrunchParams:
     """The robot without an ingredient, or the thesis's."""
     if name == THESIS_ITSELF:
         return params_of("thesis")
-    changes = INGREDIENTS.get(name, {})
-    return params_of(**changes)
+    return params_of(**INGREDIENTS.get(name, {}))
 
 
 def run(drive: str, seed: int, names: list[str]) -> dict[str, Record]:

@@ -13,14 +13,13 @@ import numpy as np
 
 from bench.benchmark import Bench, Column, Crew, Record, Row, middle, runs, tails
 from bench.recordings import data_folder
-from bench.scores import speed_of
+from bench.scores import PARTICLES_OFFLINE, speed_of
 from server import config
 from server.formats.logs import read_log
 from server.replay import Result, run_log
 from slam.evaluate import wall_spread
 from slam.walls import curves
 
-PARTICLES = 5000  # of the thesis
 BAG = "olsson-demo.bag"
 
 
@@ -30,7 +29,7 @@ def run(preset: str, seed: int) -> Record:
     assert data is not None
     log = read_log(data / "crazyflie-olsson" / BAG)
     is_odometry = preset == "odometry"
-    flags = {"preset": "thesis", "crunch": {"filter": {"particles": PARTICLES}}} if preset == "thesis" else {}
+    flags = {"preset": "thesis", "crunch": {"filter": {"particles": PARTICLES_OFFLINE}}} if preset == "thesis" else {}
     result = run_log(log, config.load(flags, header=log.configuration).crunch, seed)
     path = np.array([keyframe.pose for keyframe in result.drive.keyframes]) if is_odometry else result.path
     record = {"seed": seed, **spread_of(path, result)}

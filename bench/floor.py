@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from bench.benchmark import Bench, Record, each
 from bench.recordings import floor, read
-from bench.scores import COLUMNS, against, beside_thesis, oracle_of
-
-PARTICLES = 5000  # of the thesis
+from bench.scores import COLUMNS, PARTICLES_OFFLINE, against, beside_thesis, oracle_of
 
 
 def run(name: str, seed: int) -> Record:
     """One tour through a floor plan."""
     log, times, truth = read(floor(name, seed, "medium"))
-    return beside_thesis(log, against(times, truth), seed, PARTICLES, oracle_of(times, truth, seed))
+    return beside_thesis(log, against(times, truth), seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed))
 
 
 BENCH = Bench(

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.benchmark import Bench, Record, Row, each, middle
 from bench.recordings import data_folder, read, semireal
-from bench.scores import COLUMNS, against, beside_thesis, of_each, oracle_of, record_of
+from bench.scores import COLUMNS, PARTICLES_OFFLINE, against, beside_thesis, of_each, oracle_of, record_of
 from server.formats.logs import read_log
 from server.formats.relations import read_relations
 from server.formats.tum import read_tum
@@ -21,7 +21,6 @@ from server.replay import Result
 from slam.evaluate import relations_error
 from slam.timeline import interpolate
 
-PARTICLES = 5000  # of the thesis
 FIVE = "Intel, five directions"
 
 
@@ -30,7 +29,7 @@ def run(name: str, seed: int) -> Record:
     if name == FIVE:
         return five_directions(seed)
     log, times, truth = read(semireal(name, seed))
-    return beside_thesis(log, against(times, truth), seed, PARTICLES, oracle_of(times, truth, seed))
+    return beside_thesis(log, against(times, truth), seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed))
 
 
 def five_directions(seed: int) -> Record:
@@ -53,7 +52,7 @@ def five_directions(seed: int) -> Record:
         return record
 
     return beside_thesis(
-        read_log(data / "intel" / "intel-dense.log"), scored, seed, PARTICLES, oracle_of(times, truth, seed)
+        read_log(data / "intel" / "intel-dense.log"), scored, seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed)
     )
 
 

@@ -18,6 +18,7 @@ from slam.timeline import associate, interpolate
 from slam.trajectory import correct
 
 PARTICLES = 2000  # of the thesis, live; the default has its own number
+PARTICLES_OFFLINE = 5000  # of the thesis, on its longest drive
 
 COLUMNS = (
     Column("runs", runs),

@@ -16,9 +16,9 @@ import numpy as np
 
 from server.maps import FloorMap, occupancy, world_curves
 from server.messages import Label, Snapshot
-from slam.affinity import wall_direction
 from slam.motion import MotionParams
 from slam.pose import between, inverse, transform
+from slam.wall_direction import wall_direction
 from slam.walls import Walls
 
 FORMAT = "crunch-survey-1"

@@ -234,25 +234,3 @@ def wall_segments(walls: Walls) -> np.ndarray:
     rows[: lengths.size, 3] = -along[:, 0] / lengths
     rows[: lengths.size, 4] = lengths
     return rows
-
-
-def wall_direction(walls: Walls, step: int = 3, enough: float = 0.6, jump: float = 0.15) -> complex:
-    """Dominant wall direction modulo 90 degrees as R exp(4 i a), |R| from 0 (none, or too little wall) to 1.
-
-    Chords over `step` rays vote with their length; `enough` (m) of wall counts in full.
-    """
-    n = walls.distances.size
-    angles = 2.0 * np.pi * np.arange(n) / n
-    inside = np.where(np.isfinite(walls.distances), walls.distances, np.nan)
-    points = inside * np.exp(1j * angles)
-    chords = np.roll(points, -step) - points
-    steady = np.abs(np.roll(inside, -step) - inside) < jump
-    for between in range(1, step):
-        steady &= np.isfinite(np.roll(inside, -between))
-    chords = chords[steady]
-    lengths = np.abs(chords)
-    total = float(np.sum(lengths))
-    if chords.size < 3 or total == 0.0:
-        return 0j
-    votes = np.sum(lengths * np.exp(4j * np.angle(chords))) / total
-    return complex(votes * min(1.0, total / step / enough))

@@ -1,7 +1,8 @@
 """Which earlier vertices a new one is compared with, and what is kept of every vertex for it.
 
 Affinity is additive over pairs of vertices (Crunch thesis, 2.7), so that it grows with the path: a vertex is compared
-with the nearest few vertices that lie long enough before it. The path filter and the local search share this.
+with the nearest few vertices that lie long enough before it. The path filter and the local search share this. Uses
+its siblings `affinity`, `wall_direction` and `walls`.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from slam.affinity import (
     pattern_of,
     point_affinity,
     segment_affinity,
-    wall_direction,
     wall_segments,
 )
 from slam.params import Params
+from slam.wall_direction import wall_direction
 from slam.walls import Walls
 
 COHORT = 24  # vertices, that stand for walls of elsewhere
@@ -56,7 +57,7 @@ class Rule(NamedTuple):
 class Seen(NamedTuple):
     """What the kernels need of the vertices' walls: label rasters one after the other (flat), or segments (v, k, 5).
 
-    `chances` (v,) is what vertices score with walls of elsewhere.
+    `chances` (v,) is what vertices score with walls of elsewhere, where a share of it is taken off.
     """
 
     labels: np.ndarray
@@ -163,7 +164,7 @@ class Observations:
     """What is kept of every vertex's walls, by vertex.
 
     What the affinity looks at, `labels` (capacity, size, size) int8 or `segments` (capacity, k, 5), and the dominant
-    `directions` as of `slam.affinity.wall_direction`.
+    `directions` as of `slam.wall_direction.wall_direction`.
     """
 
     def __init__(self, params: ComparisonParams, reach: float):
@@ -208,7 +209,7 @@ class Observations:
         if self.n_vertices == self.chances.size:
             self.chances = np.concatenate([self.chances, np.zeros_like(self.chances)])
         n_earlier = self.n_vertices + 1 - self.rule.gap
-        if n_earlier > 0:
+        if self.rule.chance > 0.0 and n_earlier > 0:
             others = np.unique(np.linspace(0, n_earlier - 1, COHORT).astype(np.int64))
             self.chances[self.n_vertices] = chance_score(
                 self.seen, self.rule, self.n_vertices, others, room_for_cells(self.rule)

@@ -56,6 +56,8 @@ class RefinedFilter:
         self.path_filter = path_filter
         self.motion = motion
         self.params = params
+        n_islands = len(path_filter.filters) if isinstance(path_filter, Islands) else 1
+        self.is_idle = params.rounds == 0 and n_islands == 1  # nothing to refine, and no island to choose
         self.odometry: list[np.ndarray] = []
         self.travelled: list[float] = []
         self.points: list[WallPoints] = []
@@ -72,11 +74,6 @@ class RefinedFilter:
     def resize(self, n_particles: int) -> None:
         """Go on with another number of particles."""
         self.path_filter.resize(n_particles)
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether there is nothing to refine and no island to choose."""
-        return self.params.rounds == 0 and not isinstance(self.path_filter, Islands)
 
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
         """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""

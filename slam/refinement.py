@@ -78,7 +78,7 @@ class Problem:
     """What pulls at the nodes: the odometry with its biases, the building's directions, and any other sources.
 
     Shared unknowns are the odometry's turn bias (rad/m) and scale bias, and the building's direction (rad).
-    `directions` (n,) are complex as of `slam.affinity.wall_direction`, times their gain; `outliers` is the share of
+    `directions` (n,) are complex as of `slam.wall_direction`, times their gain; `outliers` is the share of
     nodes that obey none.
     """
 
@@ -150,7 +150,7 @@ class Problem:
 class Refinement:
     """The problem of one path: `run` it from a guess, ask for `covariances` and how likely a path is.
 
-    `directions` (n,) are complex as of `slam.affinity.wall_direction`. They pull only where told to: in a building
+    `directions` (n,) are complex as of `slam.wall_direction`. They pull only where told to: in a building
     whose walls stand in two directions at right angles, of which a path's `squareness` is the evidence.
     """
 

@@ -4,7 +4,7 @@ Every particle keeps how often walls stood in which direction of its own frame, 
 harmonics of that distribution. A wall is as likely as it stands where walls stood. A building with two wall directions
 gives one peak, slanted wings one each. Where walls turn steadily, as in a round hall, the density is flat along the
 true path, but a path bent until they stand alike gains: such buildings are for islands that believe in no directions
-(`slam.islands`). Strong directions count more than faint ones.
+(`slam.islands`). Strong directions count more than faint ones. Uses its sibling `walls`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numba import njit
 from pydantic import Field
 
 from slam.params import Params
+from slam.walls import Walls
 
 HARMONICS = 5  # of four angles: directions 12 degrees apart are told apart
 BLUR = math.radians(16.0)  # of four angles: how far a wall's direction errs, in the kernel density
@@ -28,6 +29,28 @@ class DirectionParams(Params):
     memory: float = Field(default=0.98, ge=0.0, le=1.0)  # of the directions seen, per vertex
     prior: float = Field(default=2.0, gt=0.0)  # vertices' worth of belief that walls stand anyhow
     outliers: float = Field(default=0.15, gt=0.0, le=1.0)  # share of vertices whose walls obey nothing seen before
+
+
+def wall_direction(walls: Walls, step: int = 3, enough: float = 0.6, jump: float = 0.15) -> complex:
+    """Dominant wall direction modulo 90 degrees as R exp(4 i a), |R| from 0 (none, or too little wall) to 1.
+
+    Chords over `step` rays vote with their length; `enough` (m) of wall counts in full.
+    """
+    n = walls.distances.size
+    angles = 2.0 * np.pi * np.arange(n) / n
+    inside = np.where(np.isfinite(walls.distances), walls.distances, np.nan)
+    points = inside * np.exp(1j * angles)
+    chords = np.roll(points, -step) - points
+    steady = np.abs(np.roll(inside, -step) - inside) < jump
+    for between in range(1, step):
+        steady &= np.isfinite(np.roll(inside, -between))
+    chords = chords[steady]
+    lengths = np.abs(chords)
+    total = float(np.sum(lengths))
+    if chords.size < 3 or total == 0.0:
+        return 0j
+    votes = np.sum(lengths * np.exp(4j * np.angle(chords))) / total
+    return complex(votes * min(1.0, total / step / enough))
 
 
 def fresh_directions(n: int) -> np.ndarray:

@@ -90,19 +90,3 @@ def segment_affinity(walls_a, walls_b, pose_a, pose_b, scale):
             if distance < 5.0 * scale:
                 total += float(normal_a @ normal_b) * math.exp(-distance / scale)
     return total
-
-
-def wall_direction(walls, step, enough, jump):
-    """Chords over `step` rays, each voting with its length for its direction modulo a right angle."""
-    n = walls.distances.size
-    votes, total, chords = 0j, 0.0, 0
-    for ray in range(n):
-        inner = [walls.distances[(ray + k) % n] for k in range(step + 1)]
-        if not all(math.isfinite(distance) for distance in inner) or abs(inner[-1] - inner[0]) >= jump:
-            continue
-        start = inner[0] * np.exp(2j * math.pi * ray / n)
-        chord = inner[-1] * np.exp(2j * math.pi * (ray + step) / n) - start
-        votes += abs(chord) * np.exp(4j * math.atan2(chord.imag, chord.real))
-        total += abs(chord)
-        chords += 1
-    return 0j if chords < 3 else votes / total * min(1.0, total / step / enough)

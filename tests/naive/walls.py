@@ -129,3 +129,12 @@ def smooth_curves(distances, jump, shortest, sigma):
             shares = [math.exp(-0.5 * (offset / sigma) ** 2) if offset else 1.0 for offset in offsets]
             smooth[ray] = np.average([distances[(ray + offset) % n] for offset in offsets], weights=shares)
     return smooth
+
+
+def random_walls(seed, n=120, reach=1.0):
+    """Curves, gaps and free rays of no particular place."""
+    rng = np.random.default_rng(seed)
+    distances = np.where(np.repeat(rng.random(n // 6) < 0.6, 6), 0.7 + 0.02 * rng.normal(size=n).cumsum(), math.inf)
+    distances = np.clip(distances, 0.15, math.inf)
+    free = np.where(rng.random(n) < 0.8, np.minimum(distances, reach), 0.3)
+    return Walls(distances, free)

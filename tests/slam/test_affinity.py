@@ -16,13 +16,12 @@ from slam.affinity import (
     pattern_of,
     point_affinity,
     segment_affinity,
-    wall_direction,
     wall_segments,
 )
 from slam.walls import Walls
 from tests.naive import affinity as naive
 from tests.naive import pose as se2
-from tests.naive.walls import cast, rectangle
+from tests.naive.walls import cast, random_walls, rectangle
 
 N_RAYS, REACH, CELL, THICKNESS = 120, 1.0, 0.04, 0.25
 SIZE = 2 * (math.ceil((REACH + THICKNESS) / CELL) + 1)
@@ -38,15 +37,6 @@ def pattern_with(spread=0.6):
 
 
 PATTERN = pattern_with()
-
-
-def random_walls(seed, n=N_RAYS):
-    """Curves, gaps and free rays of no particular place."""
-    rng = np.random.default_rng(seed)
-    distances = np.where(np.repeat(rng.random(n // 6) < 0.6, 6), 0.7 + 0.02 * rng.normal(size=n).cumsum(), math.inf)
-    distances = np.clip(distances, 0.15, math.inf)
-    free = np.where(rng.random(n) < 0.8, np.minimum(distances, REACH), 0.3)
-    return Walls(distances, free)
 
 
 def raster(walls, states=3):
@@ -293,7 +283,7 @@ def test_affinity_of_segments_falls_exponentially_with_distance():
     assert values[4] == 0.0
 
 
-# Points and directions
+# Points
 
 
 def test_test_points_are_gaussian():
@@ -312,36 +302,3 @@ def test_fewer_test_points_are_the_first_of_more():
     np.testing.assert_array_equal(gaussian_points(16, 0.6), gaussian_points(64, 0.6)[:16])
     np.testing.assert_allclose(gaussian_points(64, 1.2), 2.0 * gaussian_points(64, 0.6))
     assert np.abs(gaussian_points(64, 0.6).mean(axis=0)).max() < 0.05
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_wall_direction_agrees_with_chord_by_chord(seed):
-    walls = random_walls(seed)
-    found = wall_direction(walls, step=3, enough=0.6, jump=0.15)
-    assert found == pytest.approx(naive.wall_direction(walls, 3, 0.6, 0.15), abs=1e-12)
-    assert abs(found) <= 1.0
-
-
-@pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 9))
-def test_wall_direction_is_the_rooms_modulo_a_right_angle(heading):
-    found = wall_direction(cast(np.array([0.1, -0.05, heading]), rectangle(0.0, 0.0, 1.4, 1.2), N_RAYS, 2.0))
-    assert abs(found) > 0.8
-    expected = complex(math.cos(4.0 * heading), -math.sin(4.0 * heading))
-    assert found / abs(found) == pytest.approx(expected, abs=0.1)
-
-
-@pytest.mark.parametrize("rays", [1, 7, 30, 100])
-def test_turning_the_vertex_turns_its_wall_direction(rays):
-    walls = random_walls(11)
-    turned = Walls(np.roll(walls.distances, rays), np.roll(walls.free, rays))
-    expected = wall_direction(walls) * np.exp(8j * math.pi * rays / N_RAYS)
-    assert wall_direction(turned) == pytest.approx(complex(expected), abs=1e-9)
-
-
-def test_what_has_no_direction_says_so():
-    assert wall_direction(Walls(np.full(N_RAYS, math.inf), np.zeros(N_RAYS))) == 0.0
-    assert wall_direction(Walls(np.zeros(N_RAYS), np.zeros(N_RAYS))) == 0.0, "walls without any length"
-    assert abs(wall_direction(Walls(np.full(N_RAYS, 0.8), np.zeros(N_RAYS)))) < 1e-9
-    scrap = np.full(N_RAYS, math.inf)
-    scrap[:8] = 0.5
-    assert 0.0 < abs(wall_direction(Walls(scrap, np.zeros(N_RAYS)))) < 0.4

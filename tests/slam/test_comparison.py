@@ -216,7 +216,7 @@ def test_like_corridors_score_much_by_chance_and_a_place_of_its_own_little():
     sides = 0.6 / np.maximum(1e-3, np.abs(np.sin(angles)))
     corridor = Walls(np.where(sides < REACH, sides, np.inf), np.minimum(sides, REACH))
     niche = cast(np.array([0.1, 0.2, 0.3]), rectangle(0.0, 0.0, 0.9, 0.7), N_RAYS, REACH)
-    seen = Observations(params_of(), REACH)
+    seen = Observations(params_of(chance=0.6), REACH)
     for walls in [corridor] * 20 + [niche]:
         seen.add(walls)
     assert seen.chances[19] > 0.2

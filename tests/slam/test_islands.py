@@ -156,6 +156,17 @@ def test_without_rounds_the_island_whose_own_path_scores_best_is_told(monkeypatc
     assert estimator.estimate().path.tobytes() == filters.estimate().path.tobytes()
 
 
+def test_without_rounds_one_island_leaves_nothing_to_do():
+    drive = laps(1.1, noise=1.0, seed=4)
+    idle = RefinedFilter(Islands(params_of(60)), MOTION, RefinementParams(gap=6, rounds=0))
+    choosing = RefinedFilter(Islands(params_of(240)), MOTION, RefinementParams(gap=6, rounds=0))
+    assert not drive_on(idle, drive).is_rough
+    drive_on(choosing, drive).resize(1)  # one island is left, and it has seen every vertex
+    assert choosing.is_rough
+    drive_on(choosing, drive).refine()
+    assert choosing.estimate().path.tobytes() == choosing.path_filter.estimate().path.tobytes()
+
+
 def test_before_the_first_vertex_there_is_nothing_to_tell():
     found = Islands(params_of(240))
     for ask in (found.estimate, found.candidates, lambda: found.uncertainty(4)):

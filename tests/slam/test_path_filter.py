@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from slam.affinity import wall_direction
 from slam.comparison import pair_affinity, room_for_cells
 from slam.particles import insert, is_near
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.pose import compose, wrap
+from slam.wall_direction import wall_direction
 from slam.walls import Walls
 from tests.naive import path_filter as naive
 from tests.slam.drives import N_RAYS, REACH, SPACING, laps, revisit_errors

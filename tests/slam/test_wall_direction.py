@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from slam.particles import equal_particles
-from slam.wall_direction import align
+from slam.wall_direction import align, wall_direction
+from slam.walls import Walls
 from tests.naive import wall_direction as naive
+from tests.naive.walls import cast, random_walls, rectangle
 
 GAIN, MEMORY, PRIOR, OUTLIERS = 1.0, 0.98, 2.0, 0.15
+N_RAYS = 120
 
 
 class Watcher:
@@ -105,3 +108,39 @@ def test_unlikely_walls_cost_no_more_than_the_outliers_share():
     for _ in range(200):
         watcher.see(0.0)
     assert watcher.see(math.radians(45.0))[0] >= math.log(OUTLIERS) - 1e-9
+
+
+# The direction of one vertex's walls
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_wall_direction_agrees_with_chord_by_chord(seed):
+    walls = random_walls(seed)
+    found = wall_direction(walls, step=3, enough=0.6, jump=0.15)
+    assert found == pytest.approx(naive.wall_direction(walls, 3, 0.6, 0.15), abs=1e-12)
+    assert abs(found) <= 1.0
+
+
+@pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 9))
+def test_wall_direction_is_the_rooms_modulo_a_right_angle(heading):
+    found = wall_direction(cast(np.array([0.1, -0.05, heading]), rectangle(0.0, 0.0, 1.4, 1.2), N_RAYS, 2.0))
+    assert abs(found) > 0.8
+    expected = complex(math.cos(4.0 * heading), -math.sin(4.0 * heading))
+    assert found / abs(found) == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize("rays", [1, 7, 30, 100])
+def test_turning_the_vertex_turns_its_wall_direction(rays):
+    walls = random_walls(11)
+    turned = Walls(np.roll(walls.distances, rays), np.roll(walls.free, rays))
+    expected = wall_direction(walls) * np.exp(8j * math.pi * rays / N_RAYS)
+    assert wall_direction(turned) == pytest.approx(complex(expected), abs=1e-9)
+
+
+def test_what_has_no_direction_says_so():
+    assert wall_direction(Walls(np.full(N_RAYS, math.inf), np.zeros(N_RAYS))) == 0.0
+    assert wall_direction(Walls(np.zeros(N_RAYS), np.zeros(N_RAYS))) == 0.0, "walls without any length"
+    assert abs(wall_direction(Walls(np.full(N_RAYS, 0.8), np.zeros(N_RAYS)))) < 1e-9
+    scrap = np.full(N_RAYS, math.inf)
+    scrap[:8] = 0.5
+    assert 0.0 < abs(wall_direction(Walls(scrap, np.zeros(N_RAYS)))) < 0.4
