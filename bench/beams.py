@@ -114,7 +114,7 @@ def notes(rows: list[Row]) -> Iterator[str]:
 
 BENCH = Bench(
     name="beams",
-    about="few beams of Intel's and ACES's lasers at full range, 20,000 particles; of relations medians over the seeds",
+    about="few beams of Intel's and ACES's lasers at full range, 40,000 particles; of relations medians over the seeds",
     rows=each(
         run,
         {f"Intel, {n} beams": Case("intel/intel-dense.log", n) for n in BEAMS}

@@ -34,10 +34,11 @@ from slam.particles import (
     find_near,
     inherit,
     is_near,
+    next_goal,
     weigh_by_points,
 )
 from slam.path_filter import PathFilter
-from slam.path_tree import STRIDE, PathTree
+from slam.path_tree import STRIDE, PathTree, climb
 from slam.pose import between
 from slam.resampling import exponentials, normalize, systematic
 from slam.wall_direction import align
@@ -128,17 +129,24 @@ def look_back(nodes, leaves, vertex, poses, particles, seen, rule, weighs):
 
 def walked(state: State) -> tuple[float, float]:
     """Levels that a particle is compared with, and levels that it climbs or jumps to reach them; means."""
-    nodes, rule = state.tree.nodes, state.path_filter.observations.rule
+    tree, nodes, rule = state.tree, state.tree.nodes, state.path_filter.observations.rule
     visited = climbed = 0
     blocks = range(0, PARTICLES, BLOCK)
     for first in blocks:
-        box, level = box_of(state.poses, first, min(first + BLOCK, PARTICLES)), state.vertex - 1
-        for goal in range(state.vertex - rule.gap, -1, -1):
-            if is_near(box, nodes.boxes[goal], rule.range):
-                visited += 1
-                while level > goal:
-                    level -= STRIDE if level % STRIDE == 0 and level - STRIDE >= goal else 1
-                    climbed += 1
+        end = min(first + BLOCK, PARTICLES)
+        box, rows = box_of(state.poses, first, end), tree.leaves[first:end].copy()
+        level, goal = state.vertex - 1, state.vertex - rule.gap
+        while goal >= 0:
+            if not is_near(box, nodes.boxes[goal], rule.range):
+                goal -= 1
+                continue
+            visited += 1
+            climb(nodes, rows, end - first, level, goal)
+            while level > goal:
+                level -= STRIDE if level % STRIDE == 0 and level - STRIDE >= goal else 1
+                climbed += 1
+            apart = nodes.poses[nodes.starts[goal] + rows, :2] - state.poses[first:end, :2]
+            goal = next_goal(nodes.ways, goal, float(np.min(np.hypot(*apart.T))) - rule.range)
     return visited / len(blocks), climbed / len(blocks)
 
 

@@ -32,7 +32,7 @@ Preset = Annotated[
 ]
 Beams = Annotated[int | None, typer.Option(min=2, help="Thin a laser to so many evenly spread beams.")]
 MaxRange = Annotated[float | None, typer.Option(min=0.1, help="Reach (m) of those beams.", show_default="5.0")]
-Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="20000")]
+Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="40000")]
 
 
 def settings_flags(preset: str | None, particles: int | None, robot: str | None) -> dict[str, Any]:

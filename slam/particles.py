@@ -1,7 +1,8 @@
 """What particles carry beside their paths, and one vertex for all of them in one pass over blocks that stay in cache.
 
-A block is moved, its walk up the path tree is made level by level (only levels that come near the block are looked
-at, the others are jumped over), and its near pairs are compared: each particle, node and test point is touched once.
+A block is moved, its walk up the path tree is made level by level (only levels that come near the block, and could be
+reached from those looked at before, are looked at, the others are jumped over), and its near pairs are compared: each
+particle, node and test point is touched once.
 Loops run over particles inside and levels outside, so that what one particle branches on its neighbour mostly does too.
 Nothing is allocated within the loop over blocks. Uses its siblings `comparison`, `motion`, `path_tree` and
 `wall_direction`.
@@ -21,7 +22,8 @@ from slam.motion import SCALE_JITTER, TURN_JITTER, propagate
 from slam.path_tree import climb
 from slam.wall_direction import fresh_directions
 
-BLOCK = 1024  # particles: what is worked on for them fits the second cache
+BLOCK = 64  # particles: neighbours, that mostly lie together and stay in the first cache
+ROUNDING = 1e-3  # m by which distances are trusted less than they say
 
 
 class Particles(NamedTuple):
@@ -119,22 +121,39 @@ def find_near(nodes, rows, vertex, poses, rule, first, end, squares, near, where
     """
     n = end - first
     box = box_of(poses, first, end)
-    level, is_any = vertex - 1, False
-    for goal in range(vertex - rule.gap, -1, -1):
+    level, goal, is_any = vertex - 1, vertex - rule.gap, False
+    last = near[near.shape[0] - 1]
+    while goal >= 0:
         if not is_near(box, nodes.boxes[goal], rule.range):
+            goal -= 1
             continue
         if not is_any:
             near[:, :n], where[:, :n] = rule.range * rule.range, -1
             is_any = True
         climb(nodes, rows, n, level, goal)
         level, start = goal, nodes.starts[goal]
+        n_nearer, nearest = 0, math.inf
         for k in range(n):
             node = start + rows[k]
             dx = nodes.poses[node, 0] - poses[first + k, 0]
             dy = nodes.poses[node, 1] - poses[first + k, 1]
             squares[k] = dx * dx + dy * dy
-        insert(near, where, squares, np.int64(goal) << 32, rows, n)
+            n_nearer += squares[k] < last[k]
+            nearest = min(nearest, squares[k])
+        if n_nearer > 0:
+            insert(near, where, squares, np.int64(goal) << 32, rows, n)
+        goal = next_goal(nodes.ways, goal, math.sqrt(nearest) - rule.range)
     return is_any
+
+
+@njit(cache=True, inline="always")
+def next_goal(ways, goal, margin):
+    """The next older level at which a path may be near that keeps `margin` (m) at level `goal`; -1 if there is none."""
+    last = ways[goal] - margin + ROUNDING  # a path that comes near from so far takes that long
+    goal -= 1
+    while goal >= 0 and ways[goal] > last:
+        goal -= 1
+    return goal
 
 
 @njit(cache=True, nogil=True)

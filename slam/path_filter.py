@@ -36,8 +36,8 @@ PARTS = 4  # per thread, so that one that is held up leaves some to the others
 class PathFilterParams(Params):
     """Size of the filter and when it resamples; how paths are extended and compared."""
 
-    particles: int = Field(default=20_000, ge=1, le=2_000_000)
-    islands: int = Field(default=16, ge=1, le=64)  # filters that never mix (`slam.islands`), of 1,250 particles or more
+    particles: int = Field(default=40_000, ge=1, le=2_000_000)
+    islands: int = Field(default=32, ge=1, le=64)  # filters that never mix (`slam.islands`), of 1,250 particles or more
     beliefs: Literal["several", "one"] = "several"  # whether islands differ in what they hold true (`slam.islands`)
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
     reach: float = Field(default=1.0, gt=0.0)  # m, how far the walls were looked for: the local map's

@@ -10,6 +10,7 @@ reached in few steps.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,8 @@ class Nodes(NamedTuple):
     """Rows of nodes, level by level: level l is rows starts[l] to starts[l + 1].
 
     `poses` (capacity, 3) float32; `parents` and `jumps` (capacity,) int32 count rows within the level 1 and 16 above;
-    `starts` (levels + 1,) int64; `boxes` (levels, 4) float32 are min x, min y, max x, max y of each level.
+    `starts` (levels + 1,) int64; `boxes` (levels, 4) float32 are min x, min y, max x, max y of each level; between two
+    levels no path is longer than their `ways` (levels,) in m differ.
     """
 
     poses: np.ndarray
@@ -32,6 +34,7 @@ class Nodes(NamedTuple):
     jumps: np.ndarray
     starts: np.ndarray
     boxes: np.ndarray
+    ways: np.ndarray
 
 
 @njit(cache=True, inline="always")
@@ -74,6 +77,19 @@ def bound_level(nodes, level):
         for axis in range(2):
             box[axis] = min(box[axis], nodes.poses[row, axis])
             box[2 + axis] = max(box[2 + axis], nodes.poses[row, axis])
+
+
+@njit(cache=True, nogil=True)
+def measure_level(nodes, level):
+    """Find how long paths to a level may be: no step is longer than the longest, whoever survives."""
+    start, above = nodes.starts[level], nodes.starts[level - 1]
+    longest = 0.0
+    for row in range(start, nodes.starts[level + 1]):
+        parent = above + nodes.parents[row]
+        dx = nodes.poses[row, 0] - nodes.poses[parent, 0]
+        dy = nodes.poses[row, 1] - nodes.poses[parent, 1]
+        longest = max(longest, dx * dx + dy * dy)
+    nodes.ways[level] = nodes.ways[level - 1] + math.sqrt(longest)
 
 
 @njit(cache=True, nogil=True)
@@ -139,6 +155,7 @@ def reserved(n_rows: int, n_levels: int) -> Nodes:
         np.empty(n_rows, np.int32),
         np.zeros(n_levels + 1, np.int64),
         np.empty((n_levels, 4), np.float32),
+        np.zeros(n_levels),
     )
 
 
@@ -170,7 +187,8 @@ class PathTree:
         if self.n_levels == levels:  # nodes stay where they are: a million particles' would take a second to copy
             more = reserved(0, 2 * levels)
             more.starts[: levels + 1], more.boxes[:levels] = self.nodes.starts, self.nodes.boxes
-            self.nodes = self.nodes._replace(starts=more.starts, boxes=more.boxes)
+            more.ways[:levels] = self.nodes.ways
+            self.nodes = self.nodes._replace(starts=more.starts, boxes=more.boxes, ways=more.ways)
         if wanted > rows:
             room = reserved(max(2 * rows, wanted), 1)
             for field in ("poses", "parents", "jumps"):
@@ -184,6 +202,7 @@ class PathTree:
         """The newest level's poses and parents are there: its nodes are the leaves."""
         self.leaves = np.arange(self.leaves.size, dtype=np.int32)
         bound_level(self.nodes, self.n_levels - 1)
+        measure_level(self.nodes, self.n_levels - 1)
         fill_jumps(self.nodes, self.n_levels - 1)
 
     def resample(self, ancestors: np.ndarray) -> None:

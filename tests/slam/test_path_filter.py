@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from slam.comparison import pair_affinity, room_for_cells
-from slam.particles import insert, is_near
+from slam.particles import BLOCK, find_near, insert, is_near
 from slam.path_filter import PathFilter, PathFilterParams
+from slam.path_tree import PathTree
 from slam.pose import compose, wrap
+from slam.resampling import systematic
 from slam.wall_direction import wall_direction
 from slam.walls import Walls
 from tests.naive import path_filter as naive
@@ -327,3 +329,39 @@ def test_the_nearest_levels_are_those_that_sorting_finds(seed):
         assert [item for item in where[:, k].tolist() if item >= 0] == [(level << 32) + k for level in within]
         np.testing.assert_array_equal(near[: len(within), k], squares[within, k])
     assert np.all(where[:, n:] == -1), "particles beyond the last are left alone"
+
+
+def there_and_back(rng, n_particles, n_levels, noise):
+    """A tree of paths along a corridor, back and forth, resampled now and then; the newest poses (n, 3)."""
+    tree, way = PathTree(n_particles, np.zeros(3)), 0.5
+    for _ in range(1, n_levels):
+        if rng.random() < 0.05:
+            tree.resample(systematic(rng.dirichlet(np.full(n_particles, 0.3)), rng.random(), n_particles))
+        way *= -1.0 if rng.random() < 0.04 else 1.0
+        poses = tree.newest(np.arange(n_particles)) + np.array([way, 0.0, 0.0])
+        poses[:, :2] += rng.normal(0.0, noise, (n_particles, 2))
+        start = tree.grow()
+        tree.nodes.poses[start : tree.n_nodes] = poses
+        tree.nodes.parents[start : tree.n_nodes] = tree.leaves
+        tree.settle()
+    return tree, tree.newest(np.arange(n_particles))
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.05, 0.3])  # hardly longer than they must be, or crooked
+@pytest.mark.parametrize("seed", range(8))
+def test_the_near_nodes_are_those_of_every_path_looked_at_whole(seed, noise):
+    rng = np.random.default_rng(seed)
+    n_particles, n_levels = BLOCK // 2, 250
+    tree, before = there_and_back(rng, n_particles, n_levels, noise)
+    rule = PathFilter(params_of()).observations.rule
+    poses = before + np.array([*rng.uniform(-1.0, 1.0, 2), 0.0])
+    rows, squares = tree.leaves.copy(), np.empty(n_particles)
+    near, where = np.empty((rule.neighbours, n_particles)), np.full((rule.neighbours, n_particles), -1)
+    find_near(tree.nodes, rows, n_levels, poses, rule, 0, n_particles, squares, near, where)
+    for p in range(n_particles):
+        path = tree.path(p)[: n_levels - rule.gap + 1, :2]
+        apart = np.sum((path - poses[p, :2]) ** 2, axis=1)
+        found = [item >> 32 for item in where[:, p].tolist() if item >= 0]
+        nearest = np.sort(apart[apart < rule.range**2])[: rule.neighbours]  # levels may tie, distances may not
+        np.testing.assert_array_equal(apart[found], nearest)
+        assert len(set(found)) == len(found)
