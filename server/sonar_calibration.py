@@ -17,6 +17,7 @@ from server.formats.ev3 import REMEDY, is_ev3, read_ev3
 from slam.local_map import LocalMapParams
 from slam.sonar_noise import SonarNoise, fit_bands
 
+NARROWEST = 0.01  # m of a band; readings are told to the millimetre
 SURE = 3.0  # standard deviations that what is told of a wall must hold
 
 
@@ -46,8 +47,8 @@ class SonarCalibration(NamedTuple):
 
 def calibrate(paths: Sequence[Path], width: float = 0.25) -> SonarCalibration:
     """The noise in bands `width` m wide, of all files together; UserError for what a person can mend."""
-    if not width > 0.0:
-        raise UserError(f"bands of {width:g} m hold nothing; choose a width above 0")
+    if not width >= NARROWEST:
+        raise UserError(f"bands of {width:g} m hold nothing; choose a width of {NARROWEST:g} or more")
     for place, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:place]]:
             raise UserError(f"{path} is named twice; name each file once, or its intervals would be too narrow")

@@ -62,6 +62,7 @@ def test_mistakes_are_one_line(crunch, tmp_path):  # noqa: F811
     assert_mendable(crunch(*told, "silent.log"), "no echo was heard")
     assert_mendable(crunch(*told, "stops.log", "stops.log"), "is named twice")
     assert_mendable(crunch(*told, "stops.log", "--band", "0"), "bands of 0 m hold nothing")
+    assert_mendable(crunch(*told, "stops.log", "--band", "1e-9"), "bands of 1e-09 m hold nothing")
     assert_mendable(crunch(*told), "Missing argument")
 
 
