@@ -29,16 +29,13 @@ def hypotheses(path_filter: RefinedFilter) -> list[tuple[int, np.ndarray]]:
         path_filter.refine()
         return [(getattr(islands, "believed", 0), path_filter.estimate(1).path)]
     refinement = path_filter.refinement()
-    paths = [refinement.run(path).path for path in islands.candidates()]
+    paths = [refinement.refine(path).path for path in islands.candidates()]
     scores = [path_filter.score(refinement, path) for path in paths]
     chosen: list[tuple[int, np.ndarray]] = []
     for island in np.argsort(scores, kind="stable")[::-1]:
         if not any(is_near(paths[island], other) for _, other in chosen):
             chosen.append((int(island), paths[island]))
-    return [
-        (island, refinement.run(path, is_square=True).path if refinement.squareness(path) > 0.0 else path)
-        for island, path in chosen[:MOST]
-    ]
+    return chosen[:MOST]
 
 
 def is_near(path: np.ndarray, other: np.ndarray) -> bool:

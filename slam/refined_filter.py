@@ -108,12 +108,12 @@ class RefinedFilter:
         self.is_quick = is_quick
         refinement = self.refinement()
         starts = self.starts(is_quick)
-        refined = {island: refinement.run(path, None, beat).path for island, path in starts.items()}
+        refined = {island: refinement.refine(path, beat).path for island, path in starts.items()}
         best = max(refined, key=lambda island: self.score(refinement, refined[island]))
         if isinstance(self.path_filter, Islands):
             self.path_filter.believe(best)
         before = self.path_filter.estimate(1).path.astype(float)
-        after = refinement.run(refined[best], None, beat, refinement.squareness(refined[best]) > 0.0)
+        after = refinement.run(refined[best], 1, beat, refinement.squareness(refined[best]) > 0.0)
         if self.score(refinement, after.path) <= self.score(refinement, before):
             self.correction = None
             return

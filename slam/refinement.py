@@ -186,6 +186,14 @@ class Refinement:
             beat()
         return Refined(poses, shared, cost, self.matches.pairs)
 
+    def refine(self, poses: np.ndarray, beat: Beat = lambda: None) -> Refined:
+        """Refine `poses` (n, 3), which are a good guess already; once more as square where the building turns out so.
+
+        `beat` is as of `run`.
+        """
+        refined = self.run(poses, None, beat)
+        return self.run(refined.path, None, beat, is_square=True) if self.squareness(refined.path) > 0.0 else refined
+
     def log_density(self, poses: np.ndarray) -> float:
         """How likely the motions of poses (n, 3) are, up to a constant."""
         return self.priors[0].log_density(poses)
@@ -217,9 +225,7 @@ def refine(
     directions: np.ndarray | None = None,
 ) -> Refined:
     """Refine `poses` (n, 3), which are a good guess already; with `directions`, where the building turns out square."""
-    refinement = Refinement(chain, walls, motion, params, directions)
-    refined = refinement.run(poses)
-    return refinement.run(refined.path, is_square=True) if refinement.squareness(refined.path) > 0.0 else refined
+    return Refinement(chain, walls, motion, params, directions).refine(poses)
 
 
 def descend(

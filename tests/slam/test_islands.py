@@ -108,11 +108,11 @@ def test_the_island_of_the_best_refined_path_is_told(monkeypatch, seed):
     refinement = estimator.refinement()
     filters = estimator.path_filter
     assert isinstance(filters, Islands)
-    refined = [refinement.run(path).path for path in filters.candidates()]
+    refined = [refinement.refine(path).path for path in filters.candidates()]
     scores = [estimator.score(refinement, path) for path in refined]
     assert filters.believed == int(np.argmax(scores))
     best = refined[int(np.argmax(scores))]
-    told = refinement.run(best, is_square=refinement.squareness(best) > 0.0).path
+    told = refinement.run(best, 1, is_square=refinement.squareness(best) > 0.0).path
     np.testing.assert_allclose(estimator.estimate().path, told, atol=1e-9)
 
 
