@@ -48,6 +48,7 @@ INGREDIENTS: Mapping[str, Mapping[str, Any]] = {  # settings of the robot; those
     "hindsight": {"hindsight": 0},
     "what lies beyond 2 x 2 m": {"local_map": {"reach": 1.0}},
     "scrolling: map resampled": {"local_map": {"resample": True}},
+    "walls filled in between sweeps": {"local_map": {"bridge": 0.0}},
     "silence of sonars": {"local_map": {"sonar_silent_miss": 0.0}},
     "middle of the wall: where the ray meets it": {"walls": {"thickness": 1e-3}},
 }

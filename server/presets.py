@@ -11,7 +11,7 @@ THESIS: dict[str, Any] = {
     "crunch": {
         "hindsight": 0,
         "refinement": {"rounds": 0},
-        "local_map": {"reach": 1.0, "resample": True},
+        "local_map": {"reach": 1.0, "bridge": 0.0, "resample": True},
         "walls": {"thickness": 1e-3},  # the first point above the threshold
         "vfh": {"radial_sum": True, "robot_radius": 0.0, "clearance": 0.0},
         "filter": {
@@ -29,11 +29,10 @@ CRAZYFLIE: dict[str, Any] = {
     "crunch": {"filter": {"motion": {"turn_noise": 0.02, "turn_bias": 0.01}}, "bundle": {"rounds": 14}}
 }
 # Beams that see far: one label in a hundred is wrong rather than one in ten, so that disagreement says more; walls
-# stand about a corridor's width off, not as far as the beams reach; sweeps come so seldom that what lies between them
-# is filled in; and single echoes are exact enough to be bundled.
+# stand about a corridor's width off, not as far as the beams reach; and single echoes are exact enough to be bundled.
 BEAMS: dict[str, Any] = {
     "crunch": {
-        "local_map": {"farthest": 10.0 / 3.0, "bridge": 2.0},
+        "local_map": {"farthest": 10.0 / 3.0},
         "filter": {
             "comparison": {"affinity": {"differ": -3.0, "gain": 8.0, "spread": 0.4}},
         },

@@ -36,7 +36,7 @@ class LocalMapParams(Params):
     )  # of the longest sensor's range, where reach follows the sensors
     farthest: float = Field(default=MAX_REACH, gt=0.0, le=MAX_REACH)  # m, of a reach that follows the sensors
     bridge: float = Field(
-        default=0.0, ge=0.0
+        default=2.0, ge=0.0
     )  # times the robot's motion between two sweeps that a wall may go on for, which they fill in; 0 fills nothing
     finest_cell: float = Field(default=0.025, ge=0.01)  # m
     cells_per_reach: int = Field(default=80, gt=10, le=500)  # bounds the grid of far-seeing sensors

@@ -13,6 +13,7 @@ import numpy as np
 
 from slam.pose import between, compose, transform
 
+NEAREST = 0.1  # m that beams' ends move between sweeps; nearer ones leave no gap in a wall
 FARTHEST = 1.5  # m between sweeps; farther ones see different walls
 WIDEST = 1.0  # rad between them, likewise
 SLACK = 0.05  # m that the ends of a beam may always lie apart, for noise
@@ -32,9 +33,10 @@ def sweeps_between(
     (pose, first), (end, second) = before, now
     motion = between(pose, end)
     way, turn = math.hypot(motion[0], motion[1]), abs(float(motion[2]))
-    n = min(MOST, math.ceil((way + ARM * turn) / step))
-    if n < 2 or way > FARTHEST or turn > WIDEST:
+    moved = way + ARM * turn
+    if moved < NEAREST or way > FARTHEST or turn > WIDEST:
         return
+    n = min(MOST, math.ceil(moved / step))
     is_open = np.isinf(first) & np.isinf(second)
     is_wall = np.isfinite(first) & np.isfinite(second)
     ends = np.where(is_wall, first, 0.0), np.where(is_wall, second, 0.0)
