@@ -61,7 +61,7 @@ def test_what_changed_in_between_is_not_guessed():
 
 def test_sweeps_too_close_or_too_far_apart_have_nothing_between():
     same = np.ones(11)
-    assert not filled(same, same, (0.05, 0.0, 0.06), step=0.025), "a robot that sweeps often leaves no gaps"
+    assert not filled(same, same, (0.05, 0.0, 0.03), step=0.025), "a robot that sweeps often leaves no gaps"
     assert filled(same, same, (0.12, 0.0, 0.0), step=0.025)
     assert not filled(same, same, (2.0, 0.0, 0.0))
     assert not filled(same, same, (0.0, 0.0, 1.5))
