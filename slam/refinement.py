@@ -187,12 +187,16 @@ class Refinement:
         return Refined(poses, shared, cost, self.matches.pairs)
 
     def refine(self, poses: np.ndarray, beat: Beat = lambda: None) -> Refined:
-        """Refine `poses` (n, 3), which are a good guess already; once more as square where the building turns out so.
+        """Refine `poses` (n, 3), which are a good guess already; as square where the building is so, now or then.
 
+        From the guess on: a path that nothing keeps straight drifts onto the walls of the next corridor first.
         `beat` is as of `run`.
         """
-        refined = self.run(poses, None, beat)
-        return self.run(refined.path, None, beat, is_square=True) if self.squareness(refined.path) > 0.0 else refined
+        if self.squareness(poses) <= 0.0:
+            refined = self.run(poses, None, beat)
+            if self.squareness(refined.path) <= 0.0:
+                return refined
+        return self.run(poses, None, beat, is_square=True)
 
     def log_density(self, poses: np.ndarray) -> float:
         """How likely the motions of poses (n, 3) are, up to a constant."""

@@ -9,7 +9,7 @@ import pytest
 
 from slam.motion import MotionParams
 from slam.pose import between, compose
-from slam.refinement import Chain, RefinementParams, refine
+from slam.refinement import Chain, Refinement, RefinementParams, refine
 from slam.wall_matching import WallPoints
 
 MOTION = MotionParams(turn_noise=0.03, distance_noise=0.03, turn_bias=0.02, scale_bias=0.02)
@@ -85,3 +85,20 @@ def test_the_cost_never_rises():
         for steps in (1, 2, 4, 8, 16)
     ]
     assert costs == sorted(costs, reverse=True)
+
+
+@pytest.mark.parametrize("is_square", [True, False])
+def test_a_square_building_is_refined_as_one_from_the_guess_on(is_square):
+    truth = ring()
+    rng = np.random.default_rng(5)
+    guess = truth + rng.normal(0.0, [0.03, 0.03, 0.01], truth.shape)
+    anyhow = rng.uniform(-np.pi, np.pi, len(truth))
+    directions = np.exp(-4j * truth[:, 2] if is_square else 1j * anyhow)
+
+    def problem() -> Refinement:
+        return Refinement(Chain.along(guess), seen_walls(truth), MOTION, RefinementParams(), directions)
+
+    assert (problem().squareness(guess) > 0.0) == is_square
+    found = problem().refine(guess).path
+    np.testing.assert_array_equal(found, problem().run(guess, is_square=is_square).path)
+    assert not np.array_equal(found, problem().run(guess, is_square=not is_square).path)
