@@ -1,8 +1,8 @@
 """Buildings in which an estimator might lose itself: slanted, round and mixed walls, corridors side by side.
 
-Who does not close the loop is lost. *Captured*: a heading errs by more than 45
-degrees somewhere. *Merged*: where the map has the robot come back to a place, it was truly somewhere else (by more than
-0.8 m) in over 2 % of the cases. Every seed is another building, drive, noise and filter.
+Who does not close the loop is lost. *Captured*: a heading errs by more than 45 degrees somewhere. *Merged*: where the
+map has the robot come back to a place, it was truly somewhere else (by more than 0.8 m) in over 2 % of the cases. Every
+seed is another building, drive, noise and filter.
 """
 
 from __future__ import annotations

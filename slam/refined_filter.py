@@ -113,6 +113,7 @@ class RefinedFilter:
         if isinstance(self.path_filter, Islands):
             self.path_filter.believe(best)
         before = self.path_filter.estimate(1).path.astype(float)
+        # once more, for the covariances are of the path that ran last
         after = refinement.run(refined[best], 1, beat, refinement.squareness(refined[best]) > 0.0)
         if self.score(refinement, after.path) <= self.score(refinement, before):
             self.correction = None

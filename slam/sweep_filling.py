@@ -17,7 +17,7 @@ NEAREST = 0.1  # m that beams' ends move between sweeps; nearer ones leave no ga
 FARTHEST = 1.5  # m between sweeps; farther ones see different walls
 WIDEST = 1.0  # rad between them, likewise
 SLACK = 0.05  # m that the ends of a beam may always lie apart, for noise
-ARM = 1.5  # m, how far off walls are taken to be where the robot turns
+ARM = 1.5  # m, how far off walls are taken to be at most where the robot turns
 MOST = 40  # sweeps between two
 
 
@@ -27,19 +27,20 @@ def sweeps_between(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:  # fmt: skip
     """Poses (3,) and ranges (n,) every `step` m between two sweeps, each a pose (3,) and ranges (n,), inf for no echo.
 
+    There are none where no end of a beam moved by `NEAREST`: a robot that sweeps often leaves no gaps.
     The ends of a beam are of one wall if they lie no farther apart than `bridge` times what the robot's motion made of
     them; a beam whose ends are not, or that met a wall only once, measures nothing in between: nan.
     """
     (pose, first), (end, second) = before, now
     motion = between(pose, end)
     way, turn = math.hypot(motion[0], motion[1]), abs(float(motion[2]))
-    moved = way + ARM * turn
-    if moved < NEAREST or way > FARTHEST or turn > WIDEST:
-        return
-    n = min(MOST, math.ceil(moved / step))
     is_open = np.isinf(first) & np.isinf(second)
     is_wall = np.isfinite(first) & np.isfinite(second)
     ends = np.where(is_wall, first, 0.0), np.where(is_wall, second, 0.0)
+    moved = way + min(ARM, float(np.max(ends))) * turn
+    if moved < NEAREST or way > FARTHEST or turn > WIDEST:
+        return
+    n = min(MOST, math.ceil(moved / step))
     rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     apart = transform(motion, ends[1][:, None] * rays) - ends[0][:, None] * rays
     reach = bridge * (way + np.minimum(*ends) * turn) + SLACK

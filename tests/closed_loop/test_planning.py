@@ -123,4 +123,4 @@ def test_driving_where_it_suggests_makes_the_uncertain_stretch_surer():
     for place in (tuple(first.place + loop.start), (-1.3, -2.3)):  # there, and on along the old path
         assert loop.go(place, 120.0), loop.bridge.navigator.standing
     gained = np.mean(before.spread[uncertain] - loop.bridge.look().spread[uncertain])
-    assert gained > 0.1 * first.gain  # how much of what is promised comes true varies much from filter to filter
+    assert gained > 0.8 * first.gain

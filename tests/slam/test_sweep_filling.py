@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from server.robots.crunch import CrunchParams
 from slam.local_map import LocalMap, LocalMapParams
 from slam.pose import between, transform
 from slam.rangefinder import RingParams
@@ -65,6 +66,15 @@ def test_sweeps_too_close_or_too_far_apart_have_nothing_between():
     assert filled(same, same, (0.12, 0.0, 0.0), step=0.025)
     assert not filled(same, same, (2.0, 0.0, 0.0))
     assert not filled(same, same, (0.0, 0.0, 1.5))
+
+
+@pytest.mark.parametrize("haste", [1.0, 1.5])  # a balancing robot overshoots
+def test_crunch_sweeps_too_often_to_leave_gaps(haste):
+    crunch = CrunchParams()
+    ranges = np.full(11, crunch.sensors["infrared"].max_range)
+    way, turn = 0.04 * haste * np.array([crunch.vfh.max_speed, crunch.max_turn])
+    assert not filled(ranges, ranges, (way, 0.0, turn), step=0.025)
+    assert filled(ranges, ranges, (4.0 * way, 0.0, 4.0 * turn), step=0.025), "it would if it swept so seldom"
 
 
 def mapped(bridge: float):
