@@ -159,6 +159,22 @@ def fuse_beam(grid, beam, sigma, evidence):
 
 
 @njit(cache=True)
+def sector_chord(dy, reach, cos_left, sin_left, cos_right, sin_right):
+    """From where to where, along x, a line `dy` beside the tip of a sector of radius `reach` may lie in the sector."""
+    high = math.sqrt(max(0.0, reach * reach - dy * dy))
+    low = -high
+    if sin_right > 0.0:
+        high = min(high, cos_right * dy / sin_right)
+    elif sin_right < 0.0:
+        low = max(low, cos_right * dy / sin_right)
+    if sin_left > 0.0:
+        low = max(low, cos_left * dy / sin_left)
+    elif sin_left < 0.0:
+        high = min(high, cos_left * dy / sin_left)
+    return min(low, reach), max(high, -reach)  # what is farther off may be too many cells to count
+
+
+@njit(cache=True)
 def fuse_cone(grid, beam, half_angle, miss_weight, evidence):
     """Add a sonar cone: free before its end, fading towards the echo, and an arc where the echo may come from.
 
@@ -175,12 +191,12 @@ def fuse_cone(grid, beam, half_angle, miss_weight, evidence):
     end = beam.echo if math.isfinite(beam.echo) else beam.free
     reach = end + arc if math.isfinite(beam.echo) else end
     bulge = reach / edge  # the triangle that holds the sector
-    first_column = int((x + bulge * min(0.0, cos_left, cos_right)) / resolution) - 1
-    last_column = int((x + bulge * max(0.0, cos_left, cos_right)) / resolution) + 1
     first_row = int((y + bulge * min(0.0, sin_left, sin_right)) / resolution) - 1
     last_row = int((y + bulge * max(0.0, sin_left, sin_right)) / resolution) + 1
     for row in range(max(0, first_row), min(n, last_row + 1)):
         dy = (row + 0.5) * resolution - y
+        low, high = sector_chord(dy, reach, cos_left, sin_left, cos_right, sin_right)
+        first_column, last_column = math.floor((x + low) / resolution) - 1, math.floor((x + high) / resolution) + 1
         for column in range(max(0, first_column), min(n, last_column + 1)):
             dx = (column + 0.5) * resolution - x
             along = dx * cos + dy * sin

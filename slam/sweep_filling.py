@@ -32,6 +32,8 @@ def sweeps_between(
     them; a beam whose ends are not, or that met a wall only once, measures nothing in between: nan.
     """
     (pose, first), (end, second) = before, now
+    if math.hypot(end[0] - pose[0], end[1] - pose[1]) + ARM * abs(end[2] - pose[2]) < NEAREST:
+        return  # most sweeps of a robot that sweeps often, for which this is all that it costs
     motion = between(pose, end)
     way, turn = math.hypot(motion[0], motion[1]), abs(float(motion[2]))
     is_open = np.isinf(first) & np.isinf(second)

@@ -104,6 +104,15 @@ def test_a_cone_agrees_with_cell_by_cell(seed):
     np.testing.assert_allclose(grid.cells, twin.cells, atol=1e-6)
 
 
+@pytest.mark.parametrize("eighth", range(16))
+def test_a_cone_whose_edges_lie_along_the_cells_agrees_with_cell_by_cell(eighth):
+    grid, twin = both(noisy(eighth, 30))
+    beam = Beam(0.0213, 0.0057, eighth * math.pi / 8, 0.4, 0.5)
+    fuse_cone(grid, beam, math.pi / 8, 0.12, EVIDENCE)
+    naive.fuse_cone(twin, beam, math.pi / 8, 0.12, EVIDENCE)
+    np.testing.assert_allclose(grid.cells, twin.cells, atol=1e-6)
+
+
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.211, -0.107), (0.59, 0.59), (-0.9, 0.0)])
 def test_the_footprint_agrees_with_cell_by_cell(place):
     grid, twin = both(noisy(6))
