@@ -47,6 +47,21 @@ def motion_sigmas(chain: Chain, params: MotionParams) -> np.ndarray:
     return np.hypot(sigmas, FLOOR)
 
 
+def seat_covariances(poses: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) how far poses (n, 3) may stand off the walls seen from there, in the world; `sigmas` as above.
+
+    A node's walls were seen on the way to it and from it, and lie to each other as the odometry had it: a pose errs
+    against them about as much as a motion does. Walls that are matched say nothing of it.
+    """
+    steps = sigmas[1:] ** 2
+    squares = 0.5 * (np.concatenate([steps[:1], steps]) + np.concatenate([steps, steps[-1:]]))
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    axes = np.zeros((len(poses), 3, 3))  # of which columns are the heading, along it and beside it
+    axes[:, 2, 0] = 1.0
+    axes[:, 0, 1], axes[:, 1, 1], axes[:, 0, 2], axes[:, 1, 2] = cos, sin, -sin, cos
+    return np.einsum("nik,nk,njk->nij", axes, squares, axes)
+
+
 @njit(cache=True)
 def motion_terms(poses, motions, travelled, sigmas, biases, gradients, hessians, mixed, shared_gradient, shared):
     """Derivatives of the motions' cost by relative poses (n - 1, 3), (n - 1, 3, 3), and with the biases; the cost.

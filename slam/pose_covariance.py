@@ -73,10 +73,15 @@ def relative_covariances(poses, viewer, own, theirs, mixed, covariances):
 
 
 class Covariances:
-    """Covariances (x, y, theta in the world) of the poses at which the normal equations were made; node 0 has none."""
+    """Covariances (x, y, theta in the world) of the poses at which the normal equations were made.
 
-    def __init__(self, equations: NormalEquations):
+    Node 0, which stands still there, has none, but for `seats` (n, 3, 3): an error of each pose by itself that no
+    equation knows of.
+    """
+
+    def __init__(self, equations: NormalEquations, seats: np.ndarray | None = None):
         self.poses = equations.poses
+        self.seats = np.zeros((len(self.poses), 3, 3)) if seats is None else seats
         self.factor = equations.factor()
         self.against = self.factor.solve(equations.mixed)  # A^-1 B
         complement = equations.border.hessian - equations.mixed.T @ self.against
@@ -92,18 +97,19 @@ class Covariances:
         diagonal_blocks(lower.indptr, lower.indices, inverse, self.factor.perm_r, blocks[1:])
         against = self.against.reshape(-1, 3, self.shared.shape[0])
         blocks[1:] += np.einsum("nig,gh,njh->nij", against, self.shared, against)
-        return blocks
+        return blocks + self.seats
 
     def with_node(self, node: int) -> np.ndarray:
         """(n, 3, 3) covariances between each pose (rows) and that of one node (columns)."""
         blocks = np.zeros((len(self.poses), 3, 3))
+        blocks[node] = self.seats[node]
         if node == 0:
             return blocks
         rows = slice(3 * (node - 1), 3 * node)
         unit = np.zeros((self.against.shape[0], 3))
         unit[rows] = np.eye(3)
         columns = self.factor.solve(unit) + self.against @ self.shared @ self.against[rows].T
-        blocks[1:] = columns.reshape(-1, 3, 3)
+        blocks[1:] += columns.reshape(-1, 3, 3)
         return blocks
 
     def seen_from(self, viewer: int, marginals: np.ndarray) -> np.ndarray:

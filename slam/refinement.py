@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from slam.motion import MotionParams
-from slam.odometry_chain import Chain, motion_sigmas, motion_terms
+from slam.odometry_chain import Chain, motion_sigmas, motion_terms, seat_covariances
 from slam.params import Params
 from slam.pose import wrap
 from slam.pose_covariance import Covariances
@@ -217,7 +217,8 @@ class Refinement:
     def covariances(self, refined: Refined) -> Covariances:
         """How certain the poses of a path are that `run` gave last."""
         _, terms, border = self.problem.linearize(refined.path, refined.shared)
-        return Covariances(NormalEquations(refined.path, terms, border))
+        seats = seat_covariances(refined.path, self.problem.sigmas)
+        return Covariances(NormalEquations(refined.path, terms, border), seats)
 
 
 def refine(

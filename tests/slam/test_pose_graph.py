@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from slam.motion import MotionParams
-from slam.odometry_chain import Chain, motion_sigmas
+from slam.odometry_chain import Chain, motion_sigmas, seat_covariances
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
 from slam.pose_graph import LoopEdges, NormalEquations
@@ -120,6 +122,31 @@ def test_covariances_are_blocks_of_the_inverse():
             np.testing.assert_allclose(marginals[node], inverse[rows, rows], rtol=1e-5, atol=1e-8)
             np.testing.assert_allclose(mixed[node], inverse[rows, columns], rtol=1e-5, atol=1e-8)
     assert np.all(np.linalg.eigvalsh(covariances.seen_from(7, marginals)[8:]) > 0.0)
+
+
+def test_what_a_pose_errs_by_itself_is_added_to_it_alone():
+    problem, poses, shared = some_problem(3)
+    _, terms, border = problem.linearize(poses, shared)
+    equations = NormalEquations(poses, terms, border)
+    seats = seat_covariances(poses, problem.sigmas)
+    without, covariances = Covariances(equations), Covariances(equations, seats)
+    marginals = covariances.marginals()
+    np.testing.assert_allclose(marginals, without.marginals() + seats)
+    for viewer in (0, 6):
+        seen, before = covariances.seen_from(viewer, marginals), without.seen_from(viewer, without.marginals())
+        np.testing.assert_allclose(seen[viewer], 0.0, atol=1e-12, err_msg="a node sees itself where it is")
+        others = np.arange(len(poses)) != viewer
+        assert np.all(np.linalg.eigvalsh(seen[others] - before[others]) > -1e-12)
+
+
+def test_a_pose_errs_against_its_walls_along_its_heading_as_lengths_do():
+    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, math.pi / 2], [0.0, 1.0, math.pi / 2]])
+    sigmas = np.array([[9.0, 9.0, 9.0], [0.03, 0.04, 0.01], [0.01, 0.02, 0.01]])  # the first row means nothing
+    seats = seat_covariances(poses, sigmas)
+    np.testing.assert_allclose(np.diagonal(seats, axis1=1, axis2=2), [
+        [0.04**2, 0.01**2, 0.03**2], [0.01**2, 0.5 * (0.04**2 + 0.02**2), 0.5 * (0.03**2 + 0.01**2)],
+        [0.01**2, 0.02**2, 0.01**2],
+    ], atol=1e-15)  # fmt: skip
 
 
 def test_errors_are_as_large_as_the_covariances_say():
