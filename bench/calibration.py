@@ -1,9 +1,10 @@
 """Is the estimate as good as it says? How often the truth lies within the regions that should hold it.
 
-Every vertex's place is looked at from the first vertex, from the newest one, and, where the truth came back to a place
-(*revisits*), from the vertex that saw it before. The error there is measured in the ellipse of the covariance that is
-claimed for it: d^2 = e' C^-1 e, which is chi-squared of two degrees of freedom if the claim is right, so that a region
-that should hold a share q of the errors is d^2 < -2 ln(1 - q). A record tells for one drive the shares that it held.
+Every vertex's place is looked at from the first vertex, from the newest one, from twenty that are spread along the
+path, and, where the truth came back to a place (*revisits*), from the vertex that saw it before. The error there is
+measured in the ellipse of the covariance that is claimed for it: d^2 = e' C^-1 e, which is chi-squared of two degrees
+of freedom if the claim is right, so that a region that should hold a share q of the errors is d^2 < -2 ln(1 - q). A
+record tells for one drive the shares that it held.
 
 Claims: `particles` is mean and covariance of the particles as they are at the end, `refinement` the refined path with
 the covariance of its least squares. Both are looked at with the default's noise and, on simulated drives, with the
@@ -40,7 +41,8 @@ BINS = 20  # of the probabilities at which the errors lie; level if the claims a
 CERTAIN = 1e-4  # m; below this a claim says that there is no error at all
 SLIP = ("distance_noise", "turn_noise", "scale_bias", "turn_bias")  # in the order of the virtual robot's drifts
 DRIVES = ("low", "medium", "high", "intel", "aces")
-VIEWS = ("from the first vertex", "from the newest", "revisits")
+VIEWS = ("from the first vertex", "from the newest", "from all along", "revisits")
+VIEWERS = 20  # spread along the path
 
 
 class Claim(NamedTuple):
@@ -88,9 +90,11 @@ def views_of(truth: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     n = len(truth)
     later, earlier = revisit_pairs(truth, 0.4, 20.0)
     everyone = np.arange(n)
+    viewers = np.linspace(0, n - 1, VIEWERS).astype(np.int64)
     return {
         "from the first vertex": (np.zeros(n - 1, np.int64), everyone[1:]),
         "from the newest": (np.full(n - 1, n - 1), everyone[:-1]),
+        "from all along": (np.repeat(viewers, n - 1), np.concatenate([np.delete(everyone, k) for k in viewers])),
         "revisits": (earlier, later),
     }
 

@@ -14,7 +14,7 @@ import numpy as np
 from bench.benchmark import Bench, Record, Row, each, middle
 from bench.recordings import data_folder, read, semireal
 from bench.scores import COLUMNS, PARTICLES_OFFLINE, against, beside_thesis, of_each, oracle_of, record_of
-from server.formats.logs import read_log
+from server.formats.logs import Log, read_log
 from server.formats.relations import read_relations
 from server.formats.tum import read_tum
 from server.replay import Result
@@ -27,16 +27,23 @@ FIVE = "Intel, five directions"
 def run(name: str, seed: int) -> Record:
     """One seed of a drive."""
     if name == FIVE:
-        return five_directions(seed)
+        return by_relations(seed)
     log, times, truth = read(semireal(name, seed))
     return beside_thesis(log, against(times, truth), seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed))
 
 
-def five_directions(seed: int) -> Record:
+def five_directions() -> tuple[Log, np.ndarray, np.ndarray]:
+    """The real beams as a log, with the times (n,) and poses (n, 3) of its reference."""
+    data = data_folder()
+    assert data is not None
+    return read_log(data / "intel" / "intel-dense.log"), *read_tum(data / "intel" / "reference.tum")
+
+
+def by_relations(seed: int) -> Record:
     """One seed on the real beams; beside the path's errors those of the relations that were verified by hand."""
     data = data_folder()
     assert data is not None
-    times, truth = read_tum(data / "intel" / "reference.tum")
+    log, times, truth = five_directions()
     relations = read_relations(data / "intel" / "intel.relations")
 
     def scored(result: Result) -> Record:
@@ -51,9 +58,7 @@ def five_directions(seed: int) -> Record:
             record[f"{prefix}relations_deg"] = float(np.degrees(errors.rotation.mean))
         return record
 
-    return beside_thesis(
-        read_log(data / "intel" / "intel-dense.log"), scored, seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed)
-    )
+    return beside_thesis(log, scored, seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed))
 
 
 def notes(rows: list[Row]) -> Iterator[str]:

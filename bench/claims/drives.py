@@ -30,7 +30,7 @@ from slam.timeline import associate, interpolate
 from slam.trajectory import correct
 
 DRIFT = "medium"
-FOLDED_BY = ("slam/local_map.py", "slam/walls.py", "server/robots", "server/channels.py", "server/replay.py")
+FOLDED_BY = ("slam", "server/robots", "server/channels.py", "server/replay.py")
 FUSION = {"sensors", "calibration", "track", "vertex_spacing", "hindsight", "local_map", "walls"}
 OUT = 0.45  # share of a lap that is driven out before turning back, which closes no cycle
 

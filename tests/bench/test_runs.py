@@ -49,14 +49,16 @@ def test_odometry():
 
 def test_ablation(monkeypatch):
     monkeypatch.setattr(ablation, "CYCLES", ("medium",))
+    monkeypatch.setattr(ablation, "BUILDINGS", ())
     monkeypatch.setattr(ablation, "LOG_SEEDS", 0)
     names = [ablation.WHOLE, "hindsight", ablation.ODOMETRY]
     monkeypatch.setattr(ablation, "INGREDIENTS", {name: ablation.INGREDIENTS[name] for name in names[:2]})
     with Crew(1) as crew:
         whole, without, thesis, odometry = ablation.rows(crew)
     [record] = whole.records
-    others = {f"{drive}_{key}": 1.0 for drive in ("high", "intel", "aces") for key in ("ate", "closed")}
-    assert_filled(ablation.BENCH, record | others | {"logs_cost": 1.0})
+    missing = ("high", "round", "parallel", "intel", "aces", "five")
+    others = {f"{drive}_{key}": 1.0 for drive in missing for key in ("ate", "closed")}
+    assert_filled(ablation.BENCH, record | others | {"buildings_cost": 1.0, "logs_cost": 1.0})
     assert record["cycles_cost"] == 1.0
     assert without.records[0]["medium_ate"] != record["medium_ate"]
     bent = odometry.records[0]["medium_ate"] / record["medium_ate"]
