@@ -18,6 +18,7 @@ from bench.calibration import DRIVES, VIEWS
 from bench.claims.plots import STYLE, WAYS, panel, picture
 from bench.recordings import CACHE, ROOT
 from bench.result import Result, Results
+from server.formats.carmen import FLASER_MAX_RANGE
 
 NAMES = {"intel": "semi-real Intel", "aces": "semi-real ACES"}
 LIVE = 1.7  # s between vertices at 0.3 m/s
@@ -73,9 +74,10 @@ def scale(result: Result) -> Figure:
 
 
 def beams(result: Result) -> Figure:
-    """Error of Intel's relations against the number of beams, every run a dot, beside those of others."""
+    """Error of Intel's relations against the number of far-seeing beams, every run a dot, beside those of others."""
     figure = picture(2)
-    rows = [row.records for row in result.rows if "mean" in row.records[0]]
+    full = [row.records for row in result.rows if row.records[0]["reach"] == FLASER_MAX_RANGE]
+    rows = [records for records in full if "mean" in records[0]]
     counts = [records[0]["beams"] for records in rows]
     ways = {"": "Crunch", "thesis_": "the thesis's filter", "odometry_": "odometry"}
     for column, (title, key) in enumerate((("mean error (m)", "mean"), ("mean turn error (degrees)", "degrees"))):

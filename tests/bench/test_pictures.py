@@ -13,14 +13,19 @@ def made(case: beams.Case, seed: int) -> dict[str, float]:
     """A record as of a run, without running."""
     errors = {"mean": 0.05 + 0.01 * seed, "degrees": 1.5} if "intel" in case.log else {}
     record = {f"{prefix}{key}": value for prefix in ("", "thesis_", "odometry_") for key, value in errors.items()}
-    return {"seed": seed, "beams": case.beams, "ate": 0.2, "closed": True} | record
+    return {"seed": seed, "beams": case.beams, "reach": case.reach, "ate": 0.2, "closed": True} | record
 
 
 def made_rows(crew: Crew):
     """Rows of an Intel of two numbers of beams, and an ACES."""
-    cases = {"Intel, 4 beams": ("intel/a.log", 4), "Intel, 11 beams": ("intel/a.log", 11), "ACES": ("aces/b.log", 11)}
+    cases = {
+        "Intel, 4 beams": beams.Case("intel/a.log", 4),
+        "Intel, 11 beams": beams.Case("intel/a.log", 11),
+        "Intel, 11 beams of 5 m": beams.Case("intel/a.log", 11, 5.0),
+        "ACES": beams.Case("aces/b.log", 11),
+    }
     for name, case in cases.items():
-        yield beams.Row(name, [made(beams.Case(*case), seed) for seed in range(crew.seeds)])
+        yield beams.Row(name, [made(case, seed) for seed in range(crew.seeds)])
 
 
 def test_errors_are_drawn_against_beams():
