@@ -15,9 +15,10 @@ from server.errors import UserError
 from server.formats.errors import FormatError, read_bytes
 from server.formats.ev3 import REMEDY, is_ev3, read_ev3
 from slam.local_map import LocalMapParams
-from slam.sonar_noise import SonarNoise, fit_bands
+from slam.sonar_noise import FEWEST, SonarNoise, fit_bands
 
 NARROWEST = 0.01  # m of a band; readings are told to the millimetre
+WIDEST = 10.0  # m, farther than sonars hear
 SURE = 3.0  # standard deviations that what is told of a wall must hold
 
 
@@ -37,18 +38,24 @@ class SonarCalibration(NamedTuple):
     def notes(self, present: LocalMapParams) -> list[str]:
         """What the table leaves out, and what it says about the present settings."""
         silent = f"{self.n_silent} of {self.n_sets} sets of {self.n_repeats} were silent in most repeats: of no range"
-        widest = max((band.intervals[0, 1] for band in self.bands), default=0.0)
-        verdict = "holds" if present.sonar_arc >= SURE * widest else "is less than"
-        arc = (
-            f"sonar_arc = {present.sonar_arc:g} m {verdict} {SURE:g} sigma of every band ({1e3 * SURE * widest:.0f} mm)"
-        )
-        return [silent, arc]
+        sure = [band for band in self.bands if band.has_intervals]
+        few = [f"bands of fewer than {FEWEST} sets have no intervals"] if len(sure) < len(self.bands) else []
+        return [silent, *few, self.verdict(sure, present.sonar_arc)]
+
+    def verdict(self, bands: list[SonarNoise], arc: float) -> str:
+        """Whether the arc (m) that the local map draws is wide enough for bands that have intervals."""
+        if not bands:
+            return f"sonar_arc = {arc:g} m is not judged: no band has an interval; measure more, or choose wider bands"
+        widest = max(band.intervals[0, 1] for band in bands)
+        verdict = "holds" if arc >= SURE * widest else "is less than"
+        which = "every band" if len(bands) == len(self.bands) else "every band with an interval"
+        return f"sonar_arc = {arc:g} m {verdict} {SURE:g} sigma of {which} ({1e3 * SURE * widest:.0f} mm)"
 
 
 def calibrate(paths: Sequence[Path], width: float = 0.25) -> SonarCalibration:
     """The noise in bands `width` m wide, of all files together; UserError for what a person can mend."""
-    if not width >= NARROWEST:
-        raise UserError(f"bands of {width:g} m hold nothing; choose a width of {NARROWEST:g} or more")
+    if not NARROWEST <= width <= WIDEST:
+        raise UserError(f"--band {width:g} is no width of bands; choose one from {NARROWEST:g} to {WIDEST:g} m")
     for place, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:place]]:
             raise UserError(f"{path} is named twice; name each file once, or its intervals would be too narrow")
@@ -76,5 +83,6 @@ def row_of(band: SonarNoise) -> tuple[str, ...]:
     texts = [f"{band.nearest:.2f} to {band.farthest:.2f}", f"{band.n_sets}"]
     parts = ((band.sigma, 1e3, 1), (band.outliers, 1e2, 2), (band.silence, 1e2, 2))
     for (value, factor, digits), (low, high) in zip(parts, band.intervals, strict=True):
-        texts += [f"{factor * value:.{digits}f}", f"{factor * low:.{digits}f} to {factor * high:.{digits}f}"]
+        interval = f"{factor * low:.{digits}f} to {factor * high:.{digits}f}" if band.has_intervals else "-"
+        texts += [f"{factor * value:.{digits}f}", interval]
     return tuple(texts)

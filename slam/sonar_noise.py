@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+FEWEST = 10  # sets whose draws tell an interval: n sets drawn from themselves vary too little, by 1 / (2 n) of it
 GROSS = 0.04  # m off the middle from which a reading is an outlier: half the arc that the local map draws for an echo
 ROUNDING = 0.001 / 12.0**0.5  # m, standard deviation of readings told to the millimetre
 
@@ -19,7 +20,7 @@ class SonarNoise(NamedTuple):
     """One band of ranges (m): how many sets and readings; spread (m), shares of outliers and of no echo.
 
     `sigma` is the standard deviation of the readings that are no outliers; `intervals` (3, 2) are the 95 % intervals of
-    sigma, outliers and silence.
+    sigma, outliers and silence, nan for fewer than `FEWEST` sets.
     """
 
     nearest: float
@@ -30,6 +31,11 @@ class SonarNoise(NamedTuple):
     outliers: float
     silence: float
     intervals: np.ndarray
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether it has sets enough for them."""
+        return self.n_sets >= FEWEST
 
 
 def fit_bands(ranges: np.ndarray, edges: np.ndarray, seed: int = 0, resamples: int = 200) -> list[SonarNoise]:
@@ -48,14 +54,21 @@ def fit_bands(ranges: np.ndarray, edges: np.ndarray, seed: int = 0, resamples: i
         sets = ranges[(middles >= nearest) & (middles < farthest)]
         if len(sets) == 0:
             continue
-        rng = np.random.default_rng(seed)
-        draws = np.array([fit(sets[rng.integers(0, len(sets), len(sets))]) for _ in range(resamples)])
-        intervals, found = np.quantile(draws, [0.025, 0.975], axis=0).T, fit(sets)
-        for kind in (1, 2):
-            if found[kind] == 0.0:
-                intervals[kind, 1] = min(1.0, 3.0 / len(sets))
-        bands.append(SonarNoise(float(nearest), float(farthest), len(sets), sets.size, *found, intervals))
+        intervals = intervals_of(sets, np.random.default_rng(seed), resamples)
+        bands.append(SonarNoise(float(nearest), float(farthest), len(sets), sets.size, *fit(sets), intervals))
     return bands
+
+
+def intervals_of(sets: np.ndarray, rng: np.random.Generator, resamples: int) -> np.ndarray:
+    """The 95 % intervals (3, 2) of sigma, outliers and silence of sets (n, repeats); nan for too few of them."""
+    if len(sets) < FEWEST:
+        return np.full((3, 2), np.nan)
+    draws = np.array([fit(sets[rng.integers(0, len(sets), len(sets))]) for _ in range(resamples)])
+    intervals, found = np.quantile(draws, [0.025, 0.975], axis=0).T, fit(sets)
+    for kind in (1, 2):
+        if found[kind] == 0.0:
+            intervals[kind, 1] = min(1.0, 3.0 / len(sets))
+    return intervals
 
 
 def fit(sets: np.ndarray, gross: float = GROSS) -> tuple[float, float, float]:

@@ -42,6 +42,24 @@ def test_noise_that_went_in_is_printed_with_its_interval(crunch, tmp_path):  # n
     assert "sonar_arc = 0.04 m holds" in notes
 
 
+def test_a_band_of_few_sets_is_printed_without_intervals(crunch, tmp_path):  # noqa: F811
+    for n_sets in (9, 10):
+        middles = np.linspace(0.55, 0.95, 13)[None, :, None]  # of 13 sets; all but n_sets go to a band of their own
+        middles = np.where(np.arange(13)[None, :, None] < n_sets, middles, middles + 0.5)
+        ranges = middles + np.random.default_rng(n_sets).normal(0.0, 0.006, (1, 13, 25))
+        np.savetxt(tmp_path / "stop.log", np.concatenate([np.zeros(3), 100.0 * ranges.ravel()])[None], "%.3f")
+        outcome = crunch("calibrate", "sonar", "stop.log", "--band", "0.5")
+        assert (outcome.code, outcome.err) == (0, "")
+        table, notes = outcome.out.split("\n\n")
+        near, far = ([cell.strip() for cell in line.split("  ") if cell.strip()] for line in table.splitlines()[1:])
+        assert (near[1], far[1]) == (f"{n_sets}", f"{13 - n_sets}")
+        assert [far[place] for place in (3, 5, 7)] == ["-"] * 3
+        assert ([near[place] for place in (3, 5, 7)] == ["-"] * 3) == (n_sets == 9)
+        assert "bands of fewer than 10 sets have no intervals" in notes
+        judged = "is not judged: no band has an interval" if n_sets == 9 else "sigma of every band with an interval"
+        assert judged in notes
+
+
 def test_files_count_together_and_settings_are_judged(tmp_path):
     for name, seed in (("a.log", 1), ("b.log", 2)):
         write_stops(tmp_path / name, 0.006, seed=seed)
@@ -61,8 +79,9 @@ def test_mistakes_are_one_line(crunch, tmp_path):  # noqa: F811
     assert_mendable(crunch(*told, "empty.log"), "empty.log: is empty")
     assert_mendable(crunch(*told, "silent.log"), "no echo was heard")
     assert_mendable(crunch(*told, "stops.log", "stops.log"), "is named twice")
-    assert_mendable(crunch(*told, "stops.log", "--band", "0"), "bands of 0 m hold nothing")
-    assert_mendable(crunch(*told, "stops.log", "--band", "1e-9"), "bands of 1e-09 m hold nothing")
+    for width in ("0", "1e-09", "-1", "inf", "-inf", "nan", "1e+300"):
+        refused = crunch(*told, "stops.log", f"--band={width}")
+        assert_mendable(refused, f"--band {width} is no width of bands; choose one from 0.01 to 10 m")
     assert_mendable(crunch(*told), "Missing argument")
 
 

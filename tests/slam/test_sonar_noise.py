@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.sonar_noise import fit, fit_bands
+from slam.sonar_noise import FEWEST, fit, fit_bands
 
 
 def made(sigma: float, outliers: float, silence: float, n: int = 400, low: float = 0.5, seed: int = 1) -> np.ndarray:
@@ -48,6 +48,15 @@ def test_what_none_of_the_sets_shows_may_still_be():
     (band,) = fit_bands(made(0.005, 0.0, 0.0, n=100), np.array([0.0, 2.0]))
     assert band.silence == 0.0
     np.testing.assert_allclose(band.intervals[2], [0.0, 0.03])
+
+
+@pytest.mark.parametrize("n", [1, 2, FEWEST - 1, FEWEST])
+def test_few_sets_tell_no_interval(n):
+    (band,) = fit_bands(made(0.005, 0.02, 0.02, n=n), np.array([0.0, 2.0]))
+    assert band.has_intervals == (n >= FEWEST)
+    assert np.isnan(band.intervals).all() == (n < FEWEST)
+    if band.has_intervals:
+        assert np.all(band.intervals[:, 1] > band.intervals[:, 0])
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
