@@ -1,4 +1,4 @@
-"""Checks that the documents tell the truth: links lead somewhere, commands and flags exist, config.toml is current."""
+"""Checks the documents: links lead somewhere, commands and flags exist, tables are whole, config.toml is current."""
 
 from __future__ import annotations
 
@@ -28,10 +28,14 @@ def blocks_of(text: str) -> Iterator[tuple[int, str, str]]:
         yield text.count("\n", 0, block.start()) + 2, block[1], block[2]
 
 
+def without_blocks(text: str) -> str:
+    """The text with its code blocks blanked out, line by line."""
+    return re.sub(r"^```.*?^```", lambda block: "\n" * block[0].count("\n"), text, flags=re.MULTILINE | re.DOTALL)
+
+
 def without_code(text: str) -> str:
-    """The text with its code blanked out, line by line."""
-    text = re.sub(r"^```.*?^```", lambda block: "\n" * block[0].count("\n"), text, flags=re.MULTILINE | re.DOTALL)
-    return re.sub(r"`[^`\n]*`", "", text)
+    """The text with all its code blanked out."""
+    return re.sub(r"`[^`\n]*`", "", without_blocks(text))
 
 
 def anchors_of(path: Path) -> set[str]:
@@ -52,6 +56,20 @@ def broken_links(path: Path) -> Iterator[str]:
                 yield f"{path.relative_to(ROOT)}:{number}: {target} is not there"
             elif anchor and file.suffix == ".md" and anchor not in anchors_of(file):
                 yield f"{path.relative_to(ROOT)}:{number}: {target} has no such heading"
+
+
+def ragged_rows(path: Path) -> Iterator[str]:
+    """Rows of tables with more or fewer cells than their heading has."""
+    width = 0
+    text = without_blocks(path.read_text())
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith("|"):
+            width = 0
+            continue
+        cells = len(re.findall(r"(?<!\\)\|", line)) - 1  # also within code, as GitHub counts them
+        width = width or cells
+        if cells != width:
+            yield f"{path.relative_to(ROOT)}:{number}: {cells} cells under {width} headings"
 
 
 def command_lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -107,7 +125,8 @@ def wrong_crunch(words: list[str]) -> str:
 
 def problems() -> list[str]:
     """Everything that is wrong."""
-    found = [problem for path in documents() for check in (broken_links, wrong_commands) for problem in check(path)]
+    checks = (broken_links, ragged_rows, wrong_commands)
+    found = [problem for path in documents() for check in checks for problem in check(path)]
     if (ROOT / "config.toml").read_text() != config_toml():
         found.append("config.toml: differs from the defaults in the code; run `make config`")
     return found

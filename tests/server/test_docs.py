@@ -40,6 +40,8 @@ def test_the_documents_tell_the_truth(check):
         ("```sh\n$ crunch replay a.log \\\n    --oot b\n```\n", "a.md:2: crunch replay has no flag --oot"),
         ("Say `crunch score map --thruth a.tum`.\n", "a.md:1: crunch score has no flag --thruth"),
         ("Say `make coffee`.\n", "a.md:1: make has no target coffee"),
+        ("| a | b |\n|---|---|\n| 1 |\n", "a.md:3: 1 cells under 2 headings"),
+        ("| a |\n|---|\n| `1 | 2` |\n| `1 \\| 2` |\n", "a.md:3: 2 cells under 1 headings"),
     ],
 )
 def test_what_is_not_there_is_found(check, tmp_path, monkeypatch, text, told):
@@ -47,7 +49,7 @@ def test_what_is_not_there_is_found(check, tmp_path, monkeypatch, text, told):
     monkeypatch.setattr(check, "ROOT", tmp_path)
     path = tmp_path / "a.md"
     path.write_text(text)
-    assert [*check.broken_links(path), *check.wrong_commands(path)] == [told]
+    assert [*check.broken_links(path), *check.ragged_rows(path), *check.wrong_commands(path)] == [told]
 
 
 def test_what_is_there_is_not_complained_about(check, tmp_path, monkeypatch):
