@@ -129,11 +129,12 @@ class Arm:
 class Estimate:
     """The path filter's answer after a vertex.
 
-    `path` is (n_vertices, 3), the best particle's poses in the world, refined if that is not switched off; `profile` is
+    All but the figures of `n_particles`, `effective_particles` and `resamplings` is of the island that is told. `path`
+    is (n_vertices, 3), the best particle's poses in the world, refined if that is not switched off; `profile` is
     (n_vertices,), nodes at each depth divided by particles; `particles` is (m, 3), some of the newest poses; affinity
     and plausibility are the best particle's sums. `spread` (n_vertices,) is the standard deviation (m) of each vertex
     in the world, `revisit_spread` the same as seen from the newest vertex: what seeing the place again would settle.
-    Both are empty and `branches` is None where an estimator has no particles.
+    Both are empty where they are not known, and `branches` is None where an estimator has no particles.
     """
 
     t: float

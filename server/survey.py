@@ -32,7 +32,7 @@ class SurveyError(ValueError):
 class Survey:
     """n vertices: `path` (n, 3) in the world, `walls` seen there, `times` (n,) s, `odometry` (n, 3), tree's `profile`.
 
-    `spread` (n,) m is how far particles differ at each vertex, empty where there are none. The first `fixed_depth + 1`
+    `spread` (n,) m is the standard deviation of each vertex, empty where that is not known. The first `fixed_depth + 1`
     vertices are settled. `noise` is odometry's, in rad and m per root metre.
     """
 
@@ -49,7 +49,7 @@ class Survey:
 
     @property
     def settled(self) -> int:
-        """How many first vertices all particles share."""
+        """How many first vertices the particles of the island that is told share."""
         return min(self.fixed_depth + 1, len(self.path))
 
 

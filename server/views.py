@@ -200,7 +200,7 @@ def local_view(snapshot: Snapshot) -> View | None:
 def path_view(snapshot: Snapshot) -> View:
     """The best path with how certain each vertex is; the walls seen from it come as tiles.
 
-    `profile` and `spread` (m) have a number for each vertex; `spread` is empty where an estimator has none. Before the
+    `profile` and `spread` (m) have a number for each vertex; `spread` is empty where that is not known. Before the
     first vertex all are empty.
     """
     n_vertices = len(snapshot.vertex_curves)  # a path without them is only where the robot stands

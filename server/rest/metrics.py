@@ -89,7 +89,11 @@ def gauges_of(status: Status) -> list[Gauge]:
         ("link_silence_seconds", "Since the last good frame.", link.silence_s),
         ("link_lost_ratio", "Share of frames lost in the last seconds.", link.lost_percent / 100.0),
         ("map_vertices", "Vertices of the best path.", floor.vertices),
-        ("map_settled_vertices", "Vertices on which all particles agree.", floor.fixed_depth),
+        (
+            "map_settled_vertices",
+            "Vertices on which all particles of the island that is told agree.",
+            floor.fixed_depth,
+        ),
         ("map_path_metres", "Length of the best path.", floor.path_length_m),
         ("filter_particles", "Particles now.", worker.particles),
         ("filter_effective_particles", "Particles that carry weight.", worker.effective_particles),
