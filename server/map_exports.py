@@ -14,7 +14,7 @@ from typing import NamedTuple
 from server.formats.g2o import format_g2o
 from server.formats.ros_map import format_pgm, format_yaml
 from server.formats.tum import format_tum
-from server.map_files import map_json, pose_graph, profile_csv
+from server.map_files import Profile, map_json, pose_graph, profile_csv
 from server.map_picture import draw_png
 from server.maps import OccupancyMap, occupancy, path_length
 from server.messages import Label
@@ -80,9 +80,9 @@ def tum(sheet: Sheet) -> bytes:
 
 
 def csv(sheet: Sheet) -> bytes:
-    """The tree's profile."""
+    """How settled each vertex is; its spread is told by JSON, not along the axes, which people may have turned."""
     survey = sheet.survey
-    return profile_csv(survey.times, survey.path, survey.profile, survey.settled - 1).encode()
+    return profile_csv(survey.times, survey.path, Profile(survey.profile, survey.settled)).encode()
 
 
 def archive(sheet: Sheet) -> bytes:

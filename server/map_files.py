@@ -1,8 +1,9 @@
-"""Maps as files of other programs: JSON, a pose graph, the tree's profile. Uses its sibling `maps`."""
+"""Maps as files of other programs: JSON, a pose graph, how certain each vertex is. Uses its sibling `maps`."""
 
 from __future__ import annotations
 
 import json
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,12 +24,26 @@ def map_json(floor: FloorMap, robot: str) -> str:
     return json.dumps({**content, "walls": walls, "labels": labels}, separators=(",", ":")) + "\n"
 
 
-def profile_csv(times: np.ndarray, path: np.ndarray, profile: np.ndarray, fixed_depth: int) -> str:
-    """One row per vertex: time, the path's length so far, nodes of the tree at its depth per particle, settled."""
+class Profile(NamedTuple):
+    """Of n vertices: nodes (n,) of the path tree per particle, how many first ones are settled, `deviations` (n, 3).
+
+    These are standard deviations of x, y (m) and heading (rad); there is no row where they are not known.
+    """
+
+    nodes: np.ndarray
+    settled: int
+    deviations: np.ndarray = np.zeros((0, 3))
+
+
+def profile_csv(times: np.ndarray, path: np.ndarray, profile: Profile) -> str:
+    """One row per vertex: time, the path's length so far, nodes, settled, deviations or nothing in their place."""
     steps = np.hypot(*np.diff(path[:, :2], axis=0, prepend=path[:1, :2]).T) if len(path) else np.zeros(0)
-    rows = ["vertex,time,distance,nodes_per_particle,settled\n"]
-    for vertex, (t, distance, nodes) in enumerate(zip(times, np.cumsum(steps), profile, strict=True)):
-        rows.append(f"{vertex},{t:.6f},{distance:.3f},{nodes:.6f},{int(vertex <= fixed_depth)}\n")
+    known = [f"{x:.4f},{y:.4f},{heading:.5f}" for x, y, heading in profile.deviations] or [",,"] * len(path)
+    rows = ["vertex,time,distance,nodes_per_particle,settled,x_std,y_std,heading_std\n"]
+    columns = zip(times, np.cumsum(steps), profile.nodes, known, strict=True)
+    for vertex, (t, distance, nodes, deviations) in enumerate(columns):
+        settled = int(vertex < profile.settled)
+        rows.append(f"{vertex},{t:.6f},{distance:.3f},{nodes:.6f},{settled},{deviations}\n")
     return "".join(rows)
 
 

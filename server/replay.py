@@ -25,7 +25,7 @@ from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
 from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
 from server.recorded import check_rings, open_log
-from server.report import Report, describe_machine, peak_rss_mb
+from server.report import Certainty, Report, describe_machine, peak_rss_mb
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
 from slam.bundle import bundle
 from slam.bundled_islands import best_bundled
@@ -36,6 +36,7 @@ from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
 from slam.refinement import Refined
 from slam.trajectory import correct
+from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
 PROGRESS_STEP = 500  # odometry readings between two words of progress
@@ -75,12 +76,16 @@ class Drive:
 
 @dataclass(frozen=True)
 class Result:
-    """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds."""
+    """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds.
+
+    `uncertainty` is of the vertices; bundled ones have the particles', for what bundling leaves open is not known.
+    """
 
     drive: Drive
     estimate: PathEstimate
     trajectory: np.ndarray
     seconds: dict[str, float]
+    uncertainty: Uncertainty
 
     @property
     def path(self) -> np.ndarray:
@@ -110,7 +115,8 @@ def run_log(
 
     drive = fold(log, Crunch(params), extend, progress)
     before = time.perf_counter()
-    if len(drive.echoes.points):
+    is_bundled = len(drive.echoes.points) > 0
+    if is_bundled:
         nodes = best_bundled(path_filter, lambda path: bundled(drive, path, params)).path
         trajectory = correct(drive.odometry, drive.echoes.rows, nodes)
         estimate = path_filter.estimate()._replace(path=trajectory[drive.rows])
@@ -127,7 +133,8 @@ def run_log(
         "refinement": ended - before,
         "total": ended - started,
     }
-    return Result(drive, estimate, trajectory, seconds)
+    uncertainty = (path_filter.path_filter if is_bundled else path_filter).uncertainty(1)
+    return Result(drive, estimate, trajectory, seconds, uncertainty)
 
 
 def bundled(drive: Drive, path: np.ndarray, params: CrunchParams) -> Refined:
@@ -233,7 +240,8 @@ def floor_of(result: Result) -> maps.FloorMap:
     """The map of a run, with the whole trajectory to be drawn."""
     drive, estimate = result.drive, result.estimate
     floor = maps.floor_map(estimate.path, drive.walls, int(estimate.fixed_depth))
-    return floor._replace(trail=maps.trail_of(result.trajectory, drive.rows, floor.settled))
+    trail = maps.trail_of(result.trajectory, drive.rows, floor.settled)
+    return floor._replace(trail=trail, spread=result.uncertainty.spread)
 
 
 def coarseness(floor: maps.FloorMap) -> list[str]:
@@ -276,6 +284,7 @@ def report_of(result: Result, log: Log, options: Options, settings: config.Confi
         fixed_depth=int(estimate.fixed_depth),
         affinity=round(float(estimate.affinity), 6),
         plausibility=round(float(estimate.plausibility), 6),
+        uncertainty=Certainty.of(result.uncertainty),
         truncated_at=log.truncated_at,
         warnings=list(log.warnings),
         versions=describe_machine(),
@@ -294,6 +303,6 @@ def write_outputs(out: Path, result: Result, floor: maps.FloorMap, params: Crunc
     write_ros_map(out / "map", floor.grid)
     write_atomically(out / "map.json", map_files.map_json(floor, report.robot))
     write_atomically(out / "path.g2o", format_g2o(graph))
-    profile = map_files.profile_csv(times, estimate.path, estimate.profile, floor.settled - 1)
-    write_atomically(out / "profile.csv", profile)
+    profile = map_files.Profile(estimate.profile, floor.settled, result.uncertainty.deviations)
+    write_atomically(out / "profile.csv", map_files.profile_csv(times, estimate.path, profile))
     write_atomically(out / "map.png", map_picture.draw_png(floor, *report.headline()))

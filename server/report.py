@@ -13,6 +13,32 @@ import numba
 import numpy as np
 from pydantic import BaseModel
 
+from slam.uncertainty import Uncertainty
+
+
+class Certainty(BaseModel):
+    """How certain the vertices are, by whom (`Uncertainty.source`): median and worst, none where that is not known."""
+
+    source: str
+    spread_median_m: float | None = None
+    spread_worst_m: float | None = None
+    heading_median_rad: float | None = None
+    heading_worst_rad: float | None = None
+
+    @classmethod
+    def of(cls, uncertainty: Uncertainty) -> Certainty:
+        """The figures of all vertices."""
+        if not len(uncertainty.deviations):
+            return cls(source=uncertainty.source)
+        spread, heading = uncertainty.spread, uncertainty.deviations[:, 2]
+        return cls(
+            source=uncertainty.source,
+            spread_median_m=round(float(np.median(spread)), 4),
+            spread_worst_m=round(float(np.max(spread)), 4),
+            heading_median_rad=round(float(np.median(heading)), 5),
+            heading_worst_rad=round(float(np.max(heading)), 5),
+        )
+
 
 class Report(BaseModel):
     """Names carry their units; `wall_s` and `real_time_factor` are of the run without compiling and without files."""
@@ -41,6 +67,7 @@ class Report(BaseModel):
     fixed_depth: int
     affinity: float
     plausibility: float
+    uncertainty: Certainty
     truncated_at: int | None
     warnings: list[str]
     versions: dict[str, str]

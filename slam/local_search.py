@@ -19,7 +19,7 @@ from slam.motion import MotionParams, moved_pose, step_of
 from slam.params import Params
 from slam.path_filter import PathEstimate
 from slam.pose import between
-from slam.uncertainty import Uncertainty
+from slam.uncertainty import NOT_KNOWN, Uncertainty
 from slam.walls import Walls
 
 WHERE, SIZE, ANGLE_STEP, DISTANCE_STEP = 16, 17, 18, 19  # streams of random numbers, apart from the filter's
@@ -142,7 +142,7 @@ class LocalSearch:
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """One path knows nothing of others."""
-        return Uncertainty(np.zeros(0), np.zeros(0), None)
+        return NOT_KNOWN
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """The path as one particle; RuntimeError before the first vertex."""

@@ -22,7 +22,7 @@ from slam.path_tree import STRIDE
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
 from slam.refinement import Beat, Refinement, RefinementParams
-from slam.uncertainty import Uncertainty
+from slam.uncertainty import Uncertainty, deviations_of, spread_of
 from slam.wall_matching import WallPoints, wall_points
 from slam.walls import Walls
 
@@ -34,13 +34,13 @@ CHALLENGERS = 3  # islands that a quick refinement compares with the believed on
 class Correction(NamedTuple):
     """The filter's path (m, 3) that was refined, what became of it, and how certain that is.
 
-    `spread` and `revisit_spread` (m,) are as in `Uncertainty`.
+    `deviations` (m, 3) and `revisit_spread` (m,) are as in `Uncertainty`.
     """
 
     before: np.ndarray
     after: np.ndarray
     covariances: Covariances
-    spread: np.ndarray
+    deviations: np.ndarray
     revisit_spread: np.ndarray
 
     def apply(self, best: np.ndarray, poses: np.ndarray, depths: np.ndarray) -> np.ndarray:
@@ -121,7 +121,8 @@ class RefinedFilter:
         covariances = refinement.covariances(after)
         marginals = covariances.marginals()
         seen = covariances.seen_from(n - 1, marginals)
-        self.correction = Correction(before, after.path, covariances, spread_of(marginals), spread_of(seen))
+        revisit_spread = spread_of(deviations_of(seen))
+        self.correction = Correction(before, after.path, covariances, deviations_of(marginals), revisit_spread)
 
     def starts(self, is_quick: bool) -> dict[int, np.ndarray]:
         """The paths (n, 3) that are refined, by island."""
@@ -185,9 +186,10 @@ class RefinedFilter:
         if branches is not None:
             branches = branches._replace(poses=self.correction.apply(best, branches.poses, branches.depths))
         return Uncertainty(
-            np.pad(self.correction.spread, (0, n_new), "edge"),
+            np.pad(self.correction.deviations, ((0, n_new), (0, 0)), "edge"),
             np.pad(self.correction.revisit_spread, (0, n_new), "edge"),
             branches,
+            "refinement",
         )
 
 
@@ -203,8 +205,3 @@ def joined(parts: list[WallPoints]) -> WallPoints:
     return WallPoints(
         np.concatenate([part.points for part in parts]), np.concatenate([part.normals for part in parts]), starts
     )
-
-
-def spread_of(covariances: np.ndarray) -> np.ndarray:
-    """Root of the trace (n,) in m of the places' covariances, given (n, 3, 3)."""
-    return np.sqrt(np.maximum(covariances[:, 0, 0] + covariances[:, 1, 1], 0.0))

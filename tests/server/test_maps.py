@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
@@ -16,6 +17,8 @@ from slam.pose import between
 from slam.walls import Walls
 
 N_RAYS = 120
+TIMES = np.array([1.0, 2.0, 3.5])
+OLD_COLUMNS = ("vertex", "time", "distance", "nodes_per_particle", "settled")
 
 
 def room_walls(pose: np.ndarray, half: float = 1.0) -> Walls:
@@ -117,9 +120,33 @@ def test_json_holds_path_and_walls_in_the_world(room):
 
 def test_profile_has_a_row_per_vertex():
     path = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.5, 1.0]])
-    rows = map_files.profile_csv(np.array([1.0, 2.0, 3.5]), path, np.array([0.01, 0.01, 1.0]), 1).splitlines()
-    assert rows[0] == "vertex,time,distance,nodes_per_particle,settled"
-    assert rows[1:] == ["0,1.000000,0.000,0.010000,1", "1,2.000000,0.500,0.010000,1", "2,3.500000,1.000,1.000000,0"]
+    profile = map_files.Profile(np.array([0.01, 0.01, 1.0]), 2, np.array([[0, 0, 0], [0.1, 0.2, 0.03], [1, 2, 0.3]]))
+    rows = map_files.profile_csv(TIMES, path, profile).splitlines()
+    assert rows[0] == "vertex,time,distance,nodes_per_particle,settled,x_std,y_std,heading_std"
+    assert rows[1:] == [
+        "0,1.000000,0.000,0.010000,1,0.0000,0.0000,0.00000",
+        "1,2.000000,0.500,0.010000,1,0.1000,0.2000,0.03000",
+        "2,3.500000,1.000,1.000000,0,1.0000,2.0000,0.30000",
+    ]
+    unknown = map_files.profile_csv(TIMES, path, profile._replace(deviations=np.zeros((0, 3)))).splitlines()
+    assert [row.rsplit(",", 3)[0] for row in unknown] == [row.rsplit(",", 3)[0] for row in rows]
+    assert {row.count(",") for row in unknown} == {7}
+    assert all(row.endswith(",,,") for row in unknown[1:])
+
+
+@pytest.mark.parametrize("deviations", [np.zeros((0, 3)), np.full((3, 3), 0.25)])
+def test_who_reads_the_first_columns_of_a_profile_still_can(deviations):
+    path, nodes = np.zeros((3, 3)), np.array([0.01, 0.01, 1.0])
+    text = map_files.profile_csv(TIMES, path, map_files.Profile(nodes, 2, deviations))
+    by_place = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, usecols=range(5))
+    by_name = [[float(row[name]) for name in OLD_COLUMNS] for row in csv.DictReader(io.StringIO(text))]
+    np.testing.assert_array_equal(by_place, by_name)
+    np.testing.assert_array_equal(by_place.T, [[0, 1, 2], TIMES, [0, 0, 0], nodes, [1, 1, 0]])
+
+
+def test_a_profile_with_a_row_missing_is_a_mistake():
+    with pytest.raises(ValueError, match="zip"):
+        map_files.profile_csv(TIMES, np.zeros((3, 3)), map_files.Profile(np.ones(3), 1, np.zeros((2, 3))))
 
 
 def test_pose_graph_joins_neighbours_by_what_odometry_measured():

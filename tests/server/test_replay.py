@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -23,10 +24,11 @@ from server.link import Decoder, encode
 from server.recorded import open_log
 from server.recording import Reader, Recorder
 from server.replay import Options, replay, run_log
-from server.robots.crunch import CrunchParams
+from server.robots.crunch import CrunchParams, make_estimator
 from server.simulate import Simulation, simulate_drive
 from slam.evaluate import absolute_error
 from slam.pose import between, compose
+from slam.refined_filter import RefinedFilter
 from tests.server.logs import BEARINGS, cast, drive, write_room_log
 
 FILES = {
@@ -72,6 +74,71 @@ def test_outputs_are_there_and_agree_with_each_other(room_log, tmp_path):
     assert len((tmp_path / "profile.csv").read_text().splitlines()) == report.vertices + 1
     grid = read_ros_map(tmp_path / "map.yaml")
     assert {FREE, OCCUPIED} <= set(grid.cells.ravel().tolist())
+
+
+def estimator_of(log_path: Path, few: dict) -> RefinedFilter:
+    """What a replay's estimator has come to before it refines, for seed 0."""
+    log = open_log(log_path)
+    params = load(few, header=log.configuration).crunch
+    path_filter = make_estimator(params, 0)
+    for keyframe in run_log(log, params).drive.keyframes:
+        path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+    return path_filter
+
+
+def assert_written(out: Path, deviations: np.ndarray, source: str) -> None:
+    """All three files in `out` tell these standard deviations (v, 3) of this source."""
+    rows = list(csv.DictReader((out / "profile.csv").read_text().splitlines()))
+    found = [[float(row[name]) for name in ("x_std", "y_std", "heading_std")] for row in rows]
+    np.testing.assert_allclose(found, deviations, atol=6e-5)
+    spread = np.sqrt(deviations[:, 0] ** 2 + deviations[:, 1] ** 2)
+    np.testing.assert_allclose(json.loads((out / "map.json").read_text())["spread"], spread, atol=6e-4)
+    told = json.loads((out / "report.json").read_text())["uncertainty"]
+    assert told.pop("source") == source
+    expected = {
+        "spread_median_m": np.median(spread), "spread_worst_m": spread.max(),
+        "heading_median_rad": np.median(deviations[:, 2]), "heading_worst_rad": deviations[:, 2].max(),
+    }  # fmt: skip
+    assert told == pytest.approx(expected, abs=6e-5)
+
+
+def test_a_refined_path_is_written_with_its_covariances(room_log, tmp_path):
+    replay(room_log, tmp_path, options())
+    path_filter = estimator_of(room_log, FEW)
+    path_filter.refine()
+    assert path_filter.correction is not None
+    variances = np.diagonal(path_filter.correction.covariances.marginals(), axis1=1, axis2=2)
+    assert variances.min() > 0.0
+    assert_written(tmp_path, np.sqrt(variances), "refinement")
+
+
+@pytest.mark.parametrize("particles", [300, 2600])
+def test_without_refinement_the_particles_say_how_certain_the_path_is(room_log, tmp_path, particles):
+    """On one island and on two."""
+    few = {"crunch": {"filter": {"particles": particles}, "refinement": {"rounds": 0}}}
+    replay(room_log, tmp_path, Options(threads=1, flags=few))
+    path_filter = estimator_of(room_log, few)
+    path_filter.refine()  # tells the better island
+    found = path_filter.path_filter.uncertainty(1).deviations
+    assert found.max() > 0.0
+    assert_written(tmp_path, found, "particles")
+
+
+def test_bundled_echoes_leave_the_word_to_the_particles(room_log, tmp_path):
+    report = replay(room_log, tmp_path, options(beams=11))
+    assert report.uncertainty.source == "particles"
+    assert report.uncertainty.spread_worst_m is not None
+    assert len(json.loads((tmp_path / "map.json").read_text())["spread"]) == report.vertices
+
+
+def test_a_search_without_refinement_is_of_unknown_certainty(room_log, tmp_path):
+    assignments = ["crunch.estimator=search", "crunch.refinement.rounds=0", "crunch.perturbations=5"]
+    report = replay(room_log, tmp_path, options(assignments=assignments))
+    assert set(report.uncertainty.model_dump().values()) == {"none", None}
+    assert json.loads((tmp_path / "map.json").read_text())["spread"] == []
+    rows = list(csv.DictReader((tmp_path / "profile.csv").read_text().splitlines()))
+    assert len(rows) == report.vertices
+    assert {row[name] for row in rows for name in ("x_std", "y_std", "heading_std")} == {""}
 
 
 def test_the_map_is_nearer_to_the_truth_than_odometry(tmp_path):

@@ -61,7 +61,23 @@ def test_no_rounds_are_no_refinement():
     assert not estimator.is_due
     estimator.refine()
     assert estimator.estimate().path.tobytes() == plain.estimate().path.tobytes()
-    assert estimator.uncertainty(8).spread.tobytes() == plain.uncertainty(8).spread.tobytes()
+    found, expected = estimator.uncertainty(8), plain.uncertainty(8)
+    assert found.source == expected.source == "particles"
+    assert found.deviations.tobytes() == expected.deviations.tobytes()
+
+
+def test_the_refined_path_is_as_certain_as_its_covariances_say():
+    drive = laps(2.2, noise=1.0, seed=3)
+    estimator = drive_on(refined_filter(1), drive)
+    assert estimator.uncertainty(8).source == "particles"
+    estimator.refine()
+    found = estimator.uncertainty(8)
+    assert found.source == "refinement"
+    assert estimator.correction is not None
+    variances = np.diagonal(estimator.correction.covariances.marginals(), axis1=1, axis2=2)
+    np.testing.assert_allclose(found.deviations**2, variances, atol=1e-12)
+    np.testing.assert_allclose(found.spread**2, variances[:, 0] + variances[:, 1], atol=1e-12)
+    assert np.all(found.deviations > 0.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -99,7 +115,7 @@ def test_new_vertices_hang_on_the_end_of_the_refined_path():
     assert len(after.path) == 53
     assert np.max(np.hypot(*(after.path[:50] - before)[:, :2].T)) < 0.5  # another particle may be the best now
     assert np.all(np.isfinite(after.path))
-    assert len(estimator.uncertainty(8).spread) == 53
+    assert estimator.uncertainty(8).deviations.shape == (53, 3)
     steps = np.hypot(*np.diff(after.path[48:, :2], axis=0).T)
     np.testing.assert_allclose(steps, 0.5, atol=0.3)
 
@@ -143,5 +159,10 @@ def test_a_local_search_is_refined_too():
     search = LocalSearch(LocalSearchParams(perturbations=5, reach=REACH, motion=MOTION), 0)
     estimator = drive_on(RefinedFilter(search, MOTION, RefinementParams(gap=6)), drive)
     estimator.prepare()
+    assert (estimator.uncertainty(8).source, len(estimator.uncertainty(8).deviations)) == ("none", 0)
     estimator.refine()
     assert np.all(np.isfinite(estimator.estimate().path))
+    assert (estimator.uncertainty(8).source, len(estimator.uncertainty(8).deviations)) == (
+        "refinement",
+        len(drive.truth),
+    )

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.resampling import systematic
-from slam.uncertainty import branches, spreads
+from slam.uncertainty import branches, deviations_of, particle_deviations, spread_of
 from tests.naive import uncertainty as naive
 from tests.slam.drives import REACH, laps
-from tests.slam.test_path_tree import ROOT, Both
+from tests.slam.test_path_tree import ROOT, Both, extend
 
 
 def grown(n_particles, n_vertices, seed):
@@ -29,13 +29,32 @@ def grown(n_particles, n_vertices, seed):
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 12), st.integers(0, 12), st.integers(0, 2**32 - 1))
-def test_spreads_are_those_of_all_paths(n_particles, n_vertices, seed):
+def test_deviations_are_those_of_all_paths(n_particles, n_vertices, seed):
     both, weights = grown(n_particles, n_vertices, seed)
     paths = np.array([both.twin.path(particle) for particle in range(n_particles)])
-    world, revisit = spreads(both.tree.nodes, both.tree.n_levels, both.tree.leaves, weights)
-    expected_world, expected_revisit = naive.spreads(paths, weights)
-    np.testing.assert_allclose(world, expected_world, atol=1e-5)
+    x, y, heading, revisit = particle_deviations(both.tree.nodes, both.tree.n_levels, both.tree.leaves, weights).T
+    expected_x, expected_y, mean_length, expected_revisit = naive.deviations(paths, weights)
+    np.testing.assert_allclose(x, expected_x, atol=1e-5)
+    np.testing.assert_allclose(y, expected_y, atol=1e-5)
+    np.testing.assert_allclose(np.exp(-0.5 * heading**2), mean_length, atol=1e-6)
     np.testing.assert_allclose(revisit, expected_revisit, atol=1e-5)
+
+
+def test_headings_that_differ_little_deviate_as_numbers_do():
+    """Also across pi, where the numbers jump."""
+    both = Both(400, 3)
+    headings = np.pi + np.random.default_rng(3).normal(0.0, 0.1, 400)
+    extend(both.tree, np.column_stack([np.zeros((400, 2)), np.angle(np.exp(1j * headings))]))
+    found = particle_deviations(both.tree.nodes, 2, both.tree.leaves, np.full(400, 1.0 / 400))
+    np.testing.assert_allclose(found[0, :3], 0.0, atol=1e-6)
+    np.testing.assert_allclose(found[1, :3], [0.0, 0.0, headings.std()], rtol=1e-2)
+
+
+def test_deviations_are_roots_of_variances():
+    covariances = np.array([np.diag([0.04, 0.09, 0.01]), np.zeros((3, 3))]) + 1e-3 * (1.0 - np.eye(3))
+    found = deviations_of(covariances)
+    np.testing.assert_allclose(found, [[0.2, 0.3, 0.1], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(spread_of(found), [np.sqrt(0.13), 0.0])
 
 
 @settings(max_examples=40, deadline=None)
@@ -69,9 +88,8 @@ def test_what_all_particles_share_has_no_spread():
     for _ in range(3):
         both.extend()
     both.resample([5] * 8)
-    world, revisit = spreads(both.tree.nodes, both.tree.n_levels, both.tree.leaves, np.full(8, 0.125))
-    np.testing.assert_allclose(world, 0.0, atol=1e-6)
-    np.testing.assert_allclose(revisit, 0.0, atol=1e-6)
+    found = particle_deviations(both.tree.nodes, both.tree.n_levels, both.tree.leaves, np.full(8, 0.125))
+    np.testing.assert_allclose(found, 0.0, atol=1e-6)
 
 
 def test_closing_a_lap_settles_it():
