@@ -185,8 +185,8 @@ class Observations:
         return Seen(self.labels.reshape(-1), self.size, self.segments, self.chances)
 
     def add(self, walls: Walls) -> None:
-        """Keep what will be compared of the next vertex's walls."""
-        self.directions.append(wall_direction(walls))
+        """Keep what will be compared of the next vertex's walls; nothing of walls that cannot be."""
+        direction = wall_direction(walls)
         if self.affinity.kind == "points":
             if self.n_vertices == self.labels.shape[0]:
                 self.labels = np.concatenate([self.labels, np.zeros_like(self.labels)])
@@ -202,6 +202,7 @@ class Observations:
             elif self.n_vertices == self.segments.shape[0]:
                 self.segments = np.concatenate([self.segments, np.zeros_like(self.segments)])
             self.segments[self.n_vertices] = rows
+        self.directions.append(direction)
         self.n_vertices += 1
 
     def find_chance(self) -> None:

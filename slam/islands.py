@@ -22,7 +22,7 @@ import numpy as np
 
 from slam.comparison import Observations
 from slam.counter_random import bits
-from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
+from slam.path_filter import PathEstimate, PathFilter, PathFilterParams, checked_pose
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
@@ -92,7 +92,11 @@ class Islands:
         return self.filters[self.believed]
 
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
-        """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""
+        """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one.
+
+        ValueError for a pose or way that is no number, or a way back in time; nothing is added then.
+        """
+        pose = checked_pose(self.observations.n_vertices, pose, travelled)
         self.observations.add(walls)
         self.on_all(lambda island: island.extend(pose, walls, travelled))
 

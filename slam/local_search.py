@@ -17,7 +17,7 @@ from slam.comparison import ComparisonParams, Observations, path_affinity
 from slam.counter_random import gaussian, uniform
 from slam.motion import MotionParams, moved_pose, step_of
 from slam.params import Params
-from slam.path_filter import PathEstimate
+from slam.path_filter import PathEstimate, checked_pose
 from slam.pose import between
 from slam.uncertainty import NOT_KNOWN, Uncertainty
 from slam.walls import Walls
@@ -95,7 +95,11 @@ class LocalSearch:
         self.tried = 0  # perturbations since the newest vertex
 
     def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
-        """Add a vertex at `pose` (3,) of the odometry frame, and search."""
+        """Add a vertex at `pose` (3,) of the odometry frame, `travelled` m after the last one, and search.
+
+        ValueError for a pose or way that is no number, or a way back in time; nothing is added then.
+        """
+        pose = checked_pose(len(self.poses), pose, travelled)
         self.observations.add(walls)
         self.tried = 0
         is_first = self.poses.shape[0] == 0
@@ -104,8 +108,8 @@ class LocalSearch:
         self.motions = np.vstack([self.motions, motion])
         self.travelled = np.append(self.travelled, way)
         self.corrections = np.vstack([self.corrections, np.zeros(2)])
-        self.poses = np.vstack([self.poses, np.asarray(pose, float)])
-        self.odometry = np.array(pose, float)
+        self.poses = np.vstack([self.poses, pose])
+        self.odometry = pose
         if not is_first:
             place_path(self.poses, len(self.poses) - 1, self.motions, self.travelled, self.corrections, self.noise)
             self.search(self.params.perturbations)

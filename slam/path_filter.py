@@ -60,6 +60,19 @@ class PathEstimate(NamedTuple):
     plausibility: float
 
 
+def checked_pose(vertex: int, pose: np.ndarray, travelled: float | None) -> np.ndarray:
+    """A copy of the pose (3,) of a vertex to be, `travelled` m after the last one, before anything is changed for it.
+
+    ValueError for a pose or way that is no number, or a way back in time.
+    """
+    pose = np.array(pose, float)
+    if not np.all(np.isfinite(pose)) or not (travelled is None or 0.0 <= travelled < math.inf):
+        raise ValueError(
+            f"vertex {vertex}: pose {pose}, {travelled} m travelled: all must be finite, and no way negative"
+        )
+    return pose
+
+
 class PathFilter:
     """The filter: `extend` by a vertex, `estimate` when asked."""
 
@@ -96,11 +109,7 @@ class PathFilter:
 
         ValueError for a pose or way that is no number, or a way back in time.
         """
-        pose = np.array(pose, float)
-        if not np.all(np.isfinite(pose)) or not (travelled is None or 0.0 <= travelled < math.inf):
-            raise ValueError(
-                f"vertex {self.vertices}: pose {pose}, {travelled} m travelled: neither may be nan or negative"
-            )
+        pose = checked_pose(self.vertices, pose, travelled)
         if not self.is_sharing:
             self.observations.add(walls)
         if self.tree is None:

@@ -7,11 +7,17 @@ import math
 import numpy as np
 import pytest
 
+from slam import islands
 from slam.comparison import pair_affinity, room_for_cells
+from slam.islands import Islands
+from slam.local_search import LocalSearch, LocalSearchParams
+from slam.motion import MotionParams
 from slam.particles import BLOCK, find_near, insert, is_near
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.path_tree import PathTree
 from slam.pose import compose, wrap
+from slam.refined_filter import RefinedFilter
+from slam.refinement import RefinementParams
 from slam.resampling import systematic
 from slam.wall_direction import wall_direction
 from slam.walls import Walls
@@ -166,16 +172,41 @@ def test_wall_directions_keep_the_heading_without_any_loop():
     assert headings[1.0] < 0.6 * headings[0.0]
 
 
+ESTIMATORS = {
+    "filter": lambda: PathFilter(params_of(particles=60), seed=1),
+    "islands": lambda: Islands(params_of(particles=60, islands=3), seed=1),
+    "refined islands": lambda: RefinedFilter(
+        Islands(params_of(particles=60, islands=3), seed=1), MotionParams.model_validate(MOTION), RefinementParams()
+    ),
+    "search": lambda: LocalSearch(
+        LocalSearchParams.model_validate(
+            {"perturbations": 5, "reach": REACH, "motion": MOTION, "comparison": COMPARISON}
+        ),
+        seed=1,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("pose", [[math.nan, 0.0, 0.0], [0.0, math.inf, 0.0], [0.0, 0.0, -math.inf]])
-def test_a_pose_that_is_no_number_is_refused_and_nothing_is_lost(pose):
-    found = PathFilter(params_of(particles=20), seed=1)
-    found.extend(np.zeros(3), nothing_seen())
-    with pytest.raises(ValueError, match="vertex 1"):
-        found.extend(np.array(pose), nothing_seen())
-    with pytest.raises(ValueError, match=r"-0\.5 m travelled"):
-        found.extend(np.zeros(3), nothing_seen(), -0.5)
-    found.extend(np.array([0.5, 0.0, 0.0]), nothing_seen())
-    assert np.all(np.isfinite(found.estimate().path))
+def test_a_pose_that_is_no_number_is_refused_and_nothing_is_added(monkeypatch, name, pose):
+    monkeypatch.setattr(islands, "SMALLEST", 20)
+    drive = laps(1.3, noise=1.0, seed=2, **SMALL_LAPS)
+    found, undisturbed = ESTIMATORS[name](), run(ESTIMATORS[name](), drive)
+    for first, vertex in ((0, 0), (0, 1), (1, 9)):
+        run(found, drive, first, vertex)
+        with pytest.raises(ValueError, match=f"vertex {vertex}"):
+            found.extend(np.array(pose), drive.walls[0], 0.5)
+        for way in (-0.5, math.inf, math.nan):
+            with pytest.raises(ValueError, match=f"{way} m travelled"):
+                found.extend(drive.odometry[vertex], drive.walls[0], way)
+    run(found, drive, 9)
+    if isinstance(found, RefinedFilter):
+        found.refine()
+        undisturbed.refine()
+    assert len(found.estimate().path) == len(drive.truth)
+    assert found.estimate().path.tobytes() == undisturbed.estimate().path.tobytes()
+    assert found.estimate().affinity == undisturbed.estimate().affinity != 0.0
 
 
 # Chance
