@@ -144,7 +144,7 @@ class Problem:
         for _ in range(3):  # Newton: the biases are found at once, the direction nearly
             _, _, border = self.linearize(poses, shared)
             shared = shared - np.linalg.solve(border.hessian, border.gradient)
-        return -self.linearize(poses, shared)[0]
+        return -float(self.linearize(poses, shared)[0])
 
 
 class Refinement:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slam.motion import MotionParams
+from slam.odometry_chain import motion_terms
 from slam.pose import between, compose
 from slam.refinement import Chain, Refinement, RefinementParams, refine
 from slam.wall_matching import WallPoints
@@ -102,3 +103,15 @@ def test_a_square_building_is_refined_as_one_from_the_guess_on(is_square):
     found = problem().refine(guess).path
     np.testing.assert_array_equal(found, problem().run(guess, is_square=is_square).path)
     assert not np.array_equal(found, problem().run(guess, is_square=not is_square).path)
+
+
+def test_where_nothing_is_compiled_a_building_is_square_or_not_all_the_same(monkeypatch):
+    """Uncompiled, the kernel sums in numpy's numbers, whose comparisons choose nothing out of a list."""
+    monkeypatch.setattr("slam.refinement.motion_terms", motion_terms.py_func)
+    truth = ring(0.5)
+    refinement = Refinement(
+        Chain.along(truth), seen_walls(truth), MOTION, RefinementParams(), np.exp(-4j * truth[:, 2])
+    )
+    assert refinement.squareness(truth) > 0.0
+    for is_square in (refinement.squareness(truth) > 0.0, refinement.squareness(truth) < 0.0):
+        assert np.all(np.isfinite(refinement.run(truth, is_square=is_square).path))
