@@ -199,21 +199,20 @@ def check_complete(log: Log, has_odometry: bool, has_ranges: bool, has_vertices:
 
 def warm_up(params: CrunchParams, threads: int) -> None:
     """Compile or load every kernel that a run needs, so that its time is the run's own."""
-    near = params.filter.comparison.model_copy(update={"gap": 1})
-    small = params.filter.model_copy(update={"particles": 8 * threads, "comparison": near, "threshold": 1.0})
-    robot = Crunch(params.model_copy(update={"filter": small}))
-    path_filter = make_estimator(robot.params, 0, threads)
-    for step in range(8):  # there and back again, so that vertices meet
-        messages: list[Message] = [Odometry(float(step), params.vertex_spacing * (step % 3), 0.0, 0.0)]
+    drive = fold(rehearsal(params), Crunch(params), lambda keyframe: None)
+    if len(drive.echoes.points):
+        bundled(drive, drive.odometry[drive.rows], params)
+    make_estimator(params, 0, threads).prepare()
+
+
+def rehearsal(params: CrunchParams) -> Log:
+    """A log of a few steps there and back, in which all sensors see walls."""
+    messages: list[Message] = []
+    for step in range(8):
+        messages.append(Odometry(float(step), params.vertex_spacing * (step % 3), 0.0, 0.0))
         for name, ring in params.sensors.items():
             messages.append(Ranges(float(step), name, np.full(len(ring.bearings_deg), 0.5 * ring.max_range)))
-        for message in messages:
-            for effect in robot.step(message):
-                if isinstance(effect, Keyframe):
-                    path_filter.extend(effect.pose, effect.walls, effect.travelled)
-    path_filter.refine()
-    path_filter.estimate()
-    path_filter.uncertainty(1)
+    return Log(Path("rehearsal"), "rehearsal", "", lambda _: iter(messages), params.sensors, n_odometry=8)
 
 
 def replay(path: Path, out: Path, options: Options, progress: Progress | None = None, log: Log | None = None) -> Report:

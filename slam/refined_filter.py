@@ -14,14 +14,14 @@ import numpy as np
 
 from slam.comparison import path_affinity
 from slam.islands import Islands
-from slam.local_search import LocalSearch
+from slam.local_search import LocalSearch, LocalSearchParams
 from slam.motion import MotionParams
 from slam.odometry_chain import Chain
-from slam.path_filter import PathEstimate, PathFilter, PathFilterParams
+from slam.path_filter import PathEstimate, PathFilter
 from slam.path_tree import STRIDE
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
-from slam.refinement import Beat, Refinement, RefinementParams
+from slam.refinement import Beat, Refined, Refinement, RefinementParams
 from slam.uncertainty import Uncertainty, deviations_of, spread_of
 from slam.wall_matching import WallPoints, wall_points
 from slam.walls import Walls
@@ -104,7 +104,7 @@ class RefinedFilter:
         """
         if not self.is_rough:
             return
-        n = self.n_refined = len(self.odometry)
+        self.n_refined = len(self.odometry)
         self.is_quick = is_quick
         refinement = self.refinement()
         starts = self.starts(is_quick)
@@ -118,11 +118,7 @@ class RefinedFilter:
         if self.score(refinement, after.path) <= self.score(refinement, before):
             self.correction = None
             return
-        covariances = refinement.covariances(after)
-        marginals = covariances.marginals()
-        seen = covariances.seen_from(n - 1, marginals)
-        revisit_spread = spread_of(deviations_of(seen))
-        self.correction = Correction(before, after.path, covariances, deviations_of(marginals), revisit_spread)
+        self.correction = correction_of(refinement, before, after)
 
     def starts(self, is_quick: bool) -> dict[int, np.ndarray]:
         """The paths (n, 3) that are refined, by island."""
@@ -148,14 +144,30 @@ class RefinedFilter:
         return Refinement(chain, joined(self.points), self.motion, self.params, directions)
 
     def prepare(self) -> None:
-        """Compile or load every kernel that `refine` needs, so that its first call takes no longer than others."""
-        near = self.path_filter.params.comparison
-        always = PathFilterParams(particles=8, threshold=1.0, comparison=near.model_copy(update={"gap": 1}))
-        small = RefinedFilter(PathFilter(always), self.motion, self.params)
+        """Compile or load every kernel that any call needs, so that the first takes no longer than others."""
+        small = RefinedFilter(self.rehearsal(), self.motion, self.params)
+        small.is_idle = self.is_idle
         for step in range(2 * STRIDE):
             ranges = np.where(np.arange(16) % 4 < 2 + step % 2, 0.8, 0.6)
             small.extend(np.array([0.1 * step, 0.0, 0.0]), Walls(ranges, ranges))
         small.refine()
+        if self.params.rounds > 0:  # though it may not have paid
+            refinement, path = small.refinement(), small.path_filter.estimate(1).path
+            small.correction = correction_of(refinement, path, refinement.run(path))
+        small.estimate()
+        small.uncertainty(1)
+
+    def rehearsal(self) -> PathFilter | LocalSearch:
+        """A small estimator with the kernels of this one's, which compares and resamples at every vertex.
+
+        A single filter has the kernels of all islands once it takes chance off as the measure does that they share.
+        """
+        params = self.path_filter.params
+        chance = self.path_filter.observations.rule.chance
+        near = params.comparison.model_copy(update={"gap": 1, "chance": chance})
+        if isinstance(params, LocalSearchParams):
+            return LocalSearch(params.model_copy(update={"perturbations": 1, "comparison": near}))
+        return PathFilter(params.model_copy(update={"particles": 8, "threshold": 1.0, "comparison": near}))
 
     def score(self, refinement: Refinement, path: np.ndarray) -> float:
         """Affinity and plausibility of a path (n, 3), in a square building or not, whichever is likelier."""
@@ -191,6 +203,14 @@ class RefinedFilter:
             branches,
             "refinement",
         )
+
+
+def correction_of(refinement: Refinement, before: np.ndarray, after: Refined) -> Correction:
+    """What becomes of the filter's path `before` (n, 3) by the refinement's last run, with its certainty."""
+    covariances = refinement.covariances(after)
+    marginals = covariances.marginals()
+    seen = covariances.seen_from(len(before) - 1, marginals)
+    return Correction(before, after.path, covariances, deviations_of(marginals), spread_of(deviations_of(seen)))
 
 
 def is_like(before: np.ndarray, best: np.ndarray) -> bool:
