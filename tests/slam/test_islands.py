@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam import islands
+from slam import comparison, islands
 from slam.comparison import ComparisonParams
-from slam.islands import Islands, sizes_of
+from slam.islands import AS_TOLD, FREE, WARY, Islands, sizes_of
 from slam.motion import MotionParams
 from slam.path_filter import PathFilter, PathFilterParams
 from slam.refined_filter import RefinedFilter
 from slam.refinement import RefinementParams
+from slam.wall_direction import DirectionParams
 from tests.slam.drives import REACH, laps
 
 MOTION = MotionParams(turn_noise=0.04, distance_noise=0.04)
+TOLD = {"chance": 0.1, "turn_bias": 0.03, "gain": 0.4}  # what beliefs are about
 
 
 @pytest.fixture(autouse=True)
@@ -55,11 +57,67 @@ def test_each_island_is_the_filter_of_its_seed_and_they_differ():
     drive = laps(1.3, noise=1.0, seed=2)
     found = drive_on(Islands(params_of(240), 5), drive)
     paths = found.candidates()
-    for island, path in enumerate(paths):
-        belief = islands.BELIEFS[island % len(islands.BELIEFS)]
-        alone = PathFilter(belief.of(params_of(60)), islands.seed_of(5, island))
+    biases, gain = (MOTION.turn_bias, MOTION.turn_bias / 3.0), DirectionParams().gain
+    as_told, wary, free = (0.0, biases[0], gain), (0.6, biases[1], 2.0 * gain), (0.6, biases[1], 0.0)
+    for island, (believed, path) in enumerate(zip((as_told, free, wary, free), paths, strict=True)):
+        alone = PathFilter(believing(params_of(60), *believed), islands.seed_of(5, island))
         np.testing.assert_array_equal(drive_on(alone, drive).estimate().path, path)
     assert len({path.tobytes() for path in paths}) == 4
+
+
+def believing(params, chance, turn_bias, gain):
+    """The parameters with these three in place of their own."""
+    return params.model_copy(update={
+        "comparison": params.comparison.model_copy(update={"chance": chance}),
+        "motion": params.motion.model_copy(update={"turn_bias": turn_bias}),
+        "direction": params.direction.model_copy(update={"gain": gain}),
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(("belief", "chance", "turn_bias", "gain"), [
+    (AS_TOLD, 0.1, 0.03, 0.4), (WARY, 0.6, 0.01, 0.8), (FREE, 0.6, 0.01, 0.0),
+])  # fmt: skip
+def test_a_belief_changes_chance_turn_bias_and_directions_and_nothing_else(belief, chance, turn_bias, gain):
+    found = belief.of(believing(params_of(500), **TOLD))
+    assert found.comparison.chance == chance
+    assert found.motion.turn_bias == pytest.approx(turn_bias)
+    assert found.direction.gain == pytest.approx(gain)
+    assert believing(found, **TOLD) == believing(params_of(500), **TOLD)
+
+
+@pytest.mark.parametrize("belief", [AS_TOLD, WARY, FREE])
+def test_a_belief_takes_no_less_chance_off_than_the_parameters_say(belief):
+    assert belief.of(believing(params_of(500), **TOLD | {"chance": 0.7})).comparison.chance == 0.7
+
+
+def test_half_of_the_islands_are_free_one_in_four_is_wary_and_the_first_is_as_told():
+    found = Islands(believing(params_of(360, 6), **TOLD))
+    assert [island.params.comparison.chance for island in found.filters] == [0.1, 0.6, 0.6, 0.6, 0.1, 0.6]
+    gains = [island.params.direction.gain for island in found.filters]
+    assert gains == pytest.approx([0.4, 0.0, 0.8, 0.0, 0.4, 0.0])
+    assert found.observations.rule.chance == 0.6, "paths are told apart by the wary measure"
+
+
+@pytest.mark.parametrize("changes", [{"beliefs": "one"}, {"islands": 1}])
+def test_islands_of_one_belief_are_as_told(changes):
+    params = believing(params_of(240), **TOLD).model_copy(update=changes)
+    found = Islands(params)
+    for island in found.filters:
+        assert island.params == params.model_copy(update={"particles": 240 // len(found.filters)})
+    assert found.observations.rule.chance == 0.1
+
+
+def test_only_free_islands_go_the_same_way_whatever_directions_walls_have(monkeypatch):
+    drive = laps(1.3, noise=1.0, seed=2)
+    straight = drive_on(Islands(params_of(240), 5), drive)
+    monkeypatch.setattr(comparison, "wall_direction", lambda walls: 1j)
+    turned = drive_on(Islands(params_of(240), 5), drive)
+    same = [
+        island.particles.log_weights.tobytes() == other.particles.log_weights.tobytes()
+        and island.best_path().tobytes() == other.best_path().tobytes()
+        for island, other in zip(straight.filters, turned.filters, strict=True)
+    ]
+    assert same == [False, True, False, True]
 
 
 def test_threads_change_nothing():
