@@ -37,6 +37,7 @@ Beat = Callable[[], None]
 SHARPNESS = BLUR**-2  # von Mises concentration of four times a wall's direction
 PEAK = math.exp(SHARPNESS) / float(np.i0(SHARPNESS))  # density where it is greatest, relative to any direction's
 
+DOUBT = 20.0  # nats by which walls must speak for a square building: ten vertices see the same wall, one tells of it
 LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
 
@@ -203,8 +204,11 @@ class Refinement:
         return self.priors[0].log_density(poses)
 
     def squareness(self, poses: np.ndarray) -> float:
-        """By how much likelier (log) walls along poses (n, 3) stand in two directions at right angles than anyhow."""
-        return self.priors[1].log_density(poses) - self.priors[0].log_density(poses)
+        """By how much likelier (log) walls along poses (n, 3) stand in two directions at right angles than anyhow.
+
+        Less a doubt, for a building that is nearly square becomes so where a path is bent to make it so.
+        """
+        return float(self.priors[1].log_density(poses) - self.priors[0].log_density(poses)) - DOUBT
 
     def associate(self, poses: np.ndarray, round_: int) -> None:
         """Match points at `poses` (n, 3); gates and kernels narrow from the first round to the last."""
