@@ -87,6 +87,9 @@ def record_of(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth: n
         "revisit_error": again.errors.translation.median,
         "odometry_ate": absolute_error(odometry, truth).translation.rmse,
         "odometry_closed": revisits(odometry, truth).is_closed,
+        "lead": result.verdict.lead,
+        "restarts": result.verdict.restarts,
+        "open": result.verdict.is_open,
         "speed": speed_of(result),
     }
 

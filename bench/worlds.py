@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.benchmark import Bench, Column, Record, each, failed, middle, runs, share, tails
+from bench.benchmark import Bench, Column, Record, each, failed, figures, middle, runs, share, tails
 from bench.recordings import made, read
 from bench.scores import against, beside_thesis, record_of
 from firmware.virtual import VirtualCrunch
@@ -82,6 +82,8 @@ BENCH = Bench(
         Column("odometry", share("odometry_closed")),
         Column("captured", share("captured")),
         Column("merged", share("merged")),
+        Column("not decided", share("open")),
+        Column("restarts, median / most", figures("restarts", 0, 0.5, 1.0)),
         Column("ATE median / p90 / worst (m)", tails("ate")),
         Column("thesis's", tails("thesis_ate")),
         Column("odometry's", tails("odometry_ate")),

@@ -25,12 +25,14 @@ from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
 from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
 from server.recorded import check_rings, open_log
-from server.report import Certainty, Report, describe_machine, peak_rss_mb
+from server.report import Certainty, Choice, Report, describe_machine, peak_rss_mb
+from server.restarts import decided
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
 from slam.bundle import bundle
 from slam.bundled_islands import best_bundled
 from slam.echoes import Echoes, EchoLog
 from slam.evaluate import path_length
+from slam.hypotheses import Verdict
 from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
@@ -78,7 +80,8 @@ class Drive:
 class Result:
     """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds.
 
-    `uncertainty` is of the vertices; bundled ones have the particles', for what bundling leaves open is not known.
+    `uncertainty` is of the vertices; bundled ones have the particles', for what bundling leaves open is not known. Of
+    them `verdict` says nothing, for it is bundles that are compared there.
     """
 
     drive: Drive
@@ -86,6 +89,7 @@ class Result:
     trajectory: np.ndarray
     seconds: dict[str, float]
     uncertainty: Uncertainty
+    verdict: Verdict
 
     @property
     def path(self) -> np.ndarray:
@@ -116,12 +120,14 @@ def run_log(
     drive = fold(log, Crunch(params), extend, progress)
     before = time.perf_counter()
     is_bundled = len(drive.echoes.points) > 0
+    verdict = Verdict()
     if is_bundled:
         nodes = best_bundled(path_filter, lambda path: bundled(drive, path, params)).path
         trajectory = correct(drive.odometry, drive.echoes.rows, nodes)
         estimate = path_filter.estimate()._replace(path=trajectory[drive.rows])
     else:
         path_filter.refine()
+        path_filter, verdict = decided(path_filter, drive.keyframes, params, seed, threads)
         estimate = path_filter.estimate()
         trajectory = correct(drive.odometry, drive.rows, estimate.path)
     if np.any(log.mount):
@@ -134,7 +140,7 @@ def run_log(
         "total": ended - started,
     }
     uncertainty = (path_filter.path_filter if is_bundled else path_filter).uncertainty(1)
-    return Result(drive, estimate, trajectory, seconds, uncertainty)
+    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict)
 
 
 def bundled(drive: Drive, path: np.ndarray, params: CrunchParams) -> Refined:
@@ -227,7 +233,7 @@ def replay(path: Path, out: Path, options: Options, progress: Progress | None = 
     before = time.perf_counter()
     floor = floor_of(result)
     report = report_of(result, log, replace(options, threads=threads), settings)
-    report.warnings.extend(coarseness(floor))
+    report.warnings.extend([*coarseness(floor), *doubts(result.verdict)])
     write_outputs(out, result, floor, params, report)
     seconds = {**report.seconds, "write": round(time.perf_counter() - before, 3)}
     report = report.model_copy(update={"seconds": seconds, "peak_rss_mb": peak_rss_mb()})
@@ -251,6 +257,16 @@ def coarseness(floor: maps.FloorMap) -> list[str]:
     return [
         f"the path spans {across:.1f} km, so map.pgm has cells of {floor.grid.resolution:g} m instead of "
         f"{maps.RESOLUTION:g} m; look for a jump in the log's odometry"
+    ]
+
+
+def doubts(verdict: Verdict) -> list[str]:
+    """A word where another map would explain the walls about as well."""
+    if not verdict.is_open:
+        return []
+    return [
+        f"another map explains the walls nearly as well (less by {verdict.lead:.0f} nats, after {verdict.restarts} "
+        "restarts), so that this one may be wrong: drive through places seen before, or raise --set crunch.restarts=N"
     ]
 
 
@@ -284,6 +300,7 @@ def report_of(result: Result, log: Log, options: Options, settings: config.Confi
         affinity=round(float(estimate.affinity), 6),
         plausibility=round(float(estimate.plausibility), 6),
         uncertainty=Certainty.of(result.uncertainty),
+        hypotheses=Choice.of_verdict(result.verdict),
         truncated_at=log.truncated_at,
         warnings=list(log.warnings),
         versions=describe_machine(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import math
 import platform
 import resource
 import sys
@@ -13,6 +14,7 @@ import numba
 import numpy as np
 from pydantic import BaseModel
 
+from slam.hypotheses import Verdict
 from slam.uncertainty import Uncertainty
 
 
@@ -38,6 +40,21 @@ class Certainty(BaseModel):
             heading_median_rad=round(float(np.median(heading)), 5),
             heading_worst_rad=round(float(np.max(heading)), 5),
         )
+
+
+class Choice(BaseModel):
+    """By how many nats the map that is told leads (none where no island makes another), and who makes it."""
+
+    lead_nats: float | None
+    agreeing: int
+    of: int
+    restarts: int
+
+    @classmethod
+    def of_verdict(cls, verdict: Verdict) -> Choice:
+        """The same as a verdict."""
+        lead = round(verdict.lead, 2) if math.isfinite(verdict.lead) else None
+        return cls(lead_nats=lead, agreeing=verdict.agreeing, of=verdict.of, restarts=verdict.restarts)
 
 
 class Report(BaseModel):
@@ -68,6 +85,7 @@ class Report(BaseModel):
     affinity: float
     plausibility: float
     uncertainty: Certainty
+    hypotheses: Choice
     truncated_at: int | None
     warnings: list[str]
     versions: dict[str, str]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.comparison import path_affinity
+from slam.hypotheses import Hypothesis
 from slam.islands import Islands
 from slam.local_search import LocalSearch, LocalSearchParams
 from slam.motion import MotionParams
@@ -62,6 +63,7 @@ class RefinedFilter:
         self.travelled: list[float] = []
         self.points: list[WallPoints] = []
         self.correction: Correction | None = None
+        self.hypotheses: list[Hypothesis] = []  # of the islands, as refined last, unless quickly
         self.n_refined = 0  # vertices that the last refinement knew
         self.is_quick = False  # whether it was a quick one
         self.turn = 0  # of the islands that quick ones compare with
@@ -109,7 +111,10 @@ class RefinedFilter:
         refinement = self.refinement()
         starts = self.starts(is_quick)
         refined = {island: refinement.refine(path, beat).path for island, path in starts.items()}
-        best = max(refined, key=lambda island: self.score(refinement, refined[island]))
+        scores = {island: self.score(refinement, path) for island, path in refined.items()}
+        best = max(scores, key=scores.__getitem__)
+        if not is_quick:
+            self.hypotheses = [Hypothesis(scores[island], path) for island, path in refined.items()]
         if isinstance(self.path_filter, Islands):
             self.path_filter.believe(best)
         before = self.path_filter.estimate(1).path.astype(float)

@@ -19,7 +19,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field",
-        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.local_map", "slam.loop_measurements",
+        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.hypotheses", "slam.local_map",
+        "slam.loop_measurements",
         "slam.map_alignment", "slam.motion", "slam.odometry_chain", "slam.odometry_noise", "slam.particles",
         "slam.path_tree", "slam.planning", "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder",
         "slam.resampling", "slam.sonar_noise", "slam.suggestions", "slam.sweep_filling", "slam.thinning",
@@ -41,7 +42,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     (
         "server.adviser", "server.config", "server.control", "server.estimator", "server.filter_worker",
-        "server.health", "server.navigator", "server.pulse", "server.session", "server.stops",
+        "server.health", "server.navigator", "server.pulse", "server.restarts", "server.session", "server.stops",
     ),
     (
         "server.api", "server.cockpit", "server.comparison", "server.conversation", "server.dashboard", "server.guard",

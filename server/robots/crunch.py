@@ -74,6 +74,9 @@ class CrunchParams(Params):
     estimator: Literal["filter", "search"] = "filter"  # particles, or local search on one path (thesis, 2.6)
     perturbations: int = Field(default=100, ge=0, le=10_000)  # that the local search tries at every vertex
     filter: PathFilterParams = PathFilterParams()
+    restarts: int = Field(
+        default=4, ge=0, le=100
+    )  # of all islands with other seeds over a whole log, while no path leads those that go elsewhere
     refinement: RefinementParams = RefinementParams()  # of the filter's best path, for what is shown and written
     bundle: BundleParams = BundleParams()
 

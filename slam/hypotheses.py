@@ -1,0 +1,70 @@
+"""Paths that may explain a drive, and by how much the likeliest leads over those that go elsewhere.
+
+A lead is a log likelihood ratio. Where one hypothesis is right it is of tens to hundreds of nats; where none is, wrong
+ones explain the walls about as badly as each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from slam.evaluate import alignment
+from slam.pose import compose
+
+APART = 1.0  # m by which paths differ somewhere, each laid on the other, that are not of one map
+DECIDED = 20.0  # nats of a lead that counts: some ten vertices see the same wall, so that they tell as much as one
+
+
+class Hypothesis(NamedTuple):
+    """A path (n, 3) and its score: log likelihood of its motions and walls, up to a constant that all share."""
+
+    score: float
+    path: np.ndarray
+
+
+def is_elsewhere(path: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two paths (n, 3) make different maps, wherever these begin."""
+    laid = compose(alignment(path[:, :2], other[:, :2]), path)
+    return float(np.max(np.hypot(*(laid - other)[:, :2].T))) > APART
+
+
+def likeliest(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """That of the highest score; ValueError for none."""
+    return max(hypotheses, key=lambda hypothesis: hypothesis.score)
+
+
+def rivals(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Those that make another map than the likeliest; none of none."""
+    if not hypotheses:
+        return []
+    best = likeliest(hypotheses).path
+    return [hypothesis for hypothesis in hypotheses if is_elsewhere(hypothesis.path, best)]
+
+
+def lead(hypotheses: Sequence[Hypothesis]) -> float:
+    """Nats by which the likeliest is likelier than any that makes another map; infinite where there is none."""
+    others = rivals(hypotheses)
+    return likeliest(hypotheses).score - likeliest(others).score if others else math.inf
+
+
+class Verdict(NamedTuple):
+    """The lead (nats) of the path that is told, how many of how many hypotheses make its map, and restarts for them."""
+
+    lead: float = math.inf
+    agreeing: int = 0
+    of: int = 0
+    restarts: int = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether another map explains the walls about as well."""
+        return self.lead < DECIDED
+
+
+def verdict(hypotheses: Sequence[Hypothesis], restarts: int = 0) -> Verdict:
+    """What is to be thought of them."""
+    return Verdict(lead(hypotheses), len(hypotheses) - len(rivals(hypotheses)), len(hypotheses), restarts)
