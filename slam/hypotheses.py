@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam.evaluate import alignment
-from slam.pose import compose
+from slam.evaluate import absolute_error
 
-APART = 1.0  # m by which paths differ somewhere, each laid on the other, that are not of one map
+APART = 0.5  # m, root mean square, by which paths differ that are not of one map; open ends alone may differ by more
 DECIDED = 20.0  # nats of a lead that counts: some ten vertices see the same wall, so that they tell as much as one
 
 
@@ -28,8 +27,7 @@ class Hypothesis(NamedTuple):
 
 def is_elsewhere(path: np.ndarray, other: np.ndarray) -> bool:
     """Whether two paths (n, 3) make different maps, wherever these begin."""
-    laid = compose(alignment(path[:, :2], other[:, :2]), path)
-    return float(np.max(np.hypot(*(laid - other)[:, :2].T))) > APART
+    return absolute_error(path, other).translation.rmse > APART
 
 
 def likeliest(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
