@@ -102,8 +102,8 @@ def run_log(
 ) -> Result:
     """Map a log in memory; FormatError where it lacks odometry or ranges. The same arguments give the same bits.
 
-    `seconds` tells the parts: `fold` (decoding, local map, walls), `filter` and `refinement`, which is also of echoes;
-    kernels are compiled before.
+    `seconds` tells the parts: `fold` (decoding, local map, walls), `filter` and `refinement`, which is also of echoes
+    and has all of restarts; kernels are compiled before.
     """
     params = with_sensors(params, log)
     warm_up(params, threads)

@@ -43,14 +43,11 @@ def rivals(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     return [hypothesis for hypothesis in hypotheses if is_elsewhere(hypothesis.path, best)]
 
 
-def lead(hypotheses: Sequence[Hypothesis]) -> float:
-    """Nats by which the likeliest is likelier than any that makes another map; infinite where there is none."""
-    others = rivals(hypotheses)
-    return likeliest(hypotheses).score - likeliest(others).score if others else math.inf
-
-
 class Verdict(NamedTuple):
-    """The lead (nats) of the path that is told, how many of how many hypotheses make its map, and restarts for them."""
+    """What is to be thought of a map: its lead, how many of how many hypotheses make it, and restarts for them.
+
+    The lead is by how many nats the map's path is likelier than any that makes another one; infinite if there is none.
+    """
 
     lead: float = math.inf
     agreeing: int = 0
@@ -64,5 +61,7 @@ class Verdict(NamedTuple):
 
 
 def verdict(hypotheses: Sequence[Hypothesis], restarts: int = 0) -> Verdict:
-    """What is to be thought of them."""
-    return Verdict(lead(hypotheses), len(hypotheses) - len(rivals(hypotheses)), len(hypotheses), restarts)
+    """What is to be thought of the likeliest one's map."""
+    others = rivals(hypotheses)
+    lead = likeliest(hypotheses).score - likeliest(others).score if others else math.inf
+    return Verdict(lead, len(hypotheses) - len(others), len(hypotheses), restarts)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from slam.hypotheses import APART, DECIDED, Hypothesis, Verdict, is_elsewhere, lead, verdict
+from slam.hypotheses import APART, DECIDED, Hypothesis, Verdict, is_elsewhere, verdict
 from slam.pose import compose
 
 
@@ -46,15 +46,14 @@ def test_the_lead_is_over_the_best_of_the_others():
     near = path + np.array([0.3 * APART, 0.0, 0.0]) * (np.arange(len(path)) % 2)[:, None]
     known = [Hypothesis(50.0, bent(path, 0.6)), Hypothesis(100.0, path), Hypothesis(99.0, near),
              Hypothesis(60.0, bent(path, -0.9))]  # fmt: skip
-    assert lead(known) == 40.0
     found = verdict(known, restarts=2)
     assert found == Verdict(40.0, agreeing=2, of=4, restarts=2)
     assert not found.is_open
 
 
 def test_where_nobody_differs_nothing_is_open():
-    assert lead([]) == math.inf
-    assert lead([Hypothesis(-3.0, square())]) == math.inf
+    assert verdict([]) == Verdict(math.inf, 0, 0, 0)
+    assert verdict([Hypothesis(-3.0, square())]) == Verdict(math.inf, 1, 1, 0)
     assert not verdict([]).is_open
 
 
