@@ -39,7 +39,13 @@ from slam.uncertainty import MIDDLE, SAMPLE
 NOMINAL = (0.5, 0.68, 0.9, 0.95)
 BINS = 20  # of the probabilities at which the errors lie; level if the claims are right
 CERTAIN = 1e-4  # m; below this a claim says that there is no error at all
-SLIP = ("distance_noise", "turn_noise", "scale_bias", "turn_bias")  # in the order of the virtual robot's drifts
+SLIP = (
+    "distance_noise",
+    "turn_noise",
+    "scale_bias",
+    "turn_bias",
+    "rotation_noise",
+)  # in the order of the virtual robot's drifts
 DRIVES = ("low", "medium", "high", "intel", "aces")
 VIEWS = ("from the first vertex", "from the newest", "from all along", "revisits")
 VIEWERS = 20  # spread along the path
@@ -123,7 +129,7 @@ def run(name: str, seed: int) -> dict[str, Record]:
     found = claimed(log, times, truth, params_of(), seed)
     if name not in DRIFTS:
         return found
-    known = params_of(filter={"motion": dict(zip(SLIP, DRIFTS[name], strict=False))})
+    known = params_of(filter={"motion": dict(zip(SLIP, DRIFTS[name], strict=True))})
     return found | {f"{kind}, noise known": record for kind, record in claimed(log, times, truth, known, seed).items()}
 
 

@@ -1,8 +1,8 @@
 """What a perfect loop closer could know: odometry refined with the true relative poses between true revisits.
 
-The oracle sees no walls. Wherever the truth came back to a place it is told the relative pose with a little noise, one
-pair per visit; between revisits it has the odometry and the motion model, as Crunch has. What error it leaves is what
-loops alone do not reveal.
+The oracle sees no walls. Wherever the truth came back to a place it is told the pose relative to every earlier visit,
+with a little noise; between revisits it has the odometry and the motion model, as Crunch has. What error it leaves is
+what loops alone do not reveal.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from slam.evaluate import path_length
+from slam.evaluate import nearest_of_visits, path_length
 from slam.motion import MotionParams
 from slam.pose import between, compose
 from slam.pose_graph import LoopEdges
@@ -23,7 +23,7 @@ STEPS = 100  # of the solver, at most
 
 
 def true_loops(truth: np.ndarray, way: np.ndarray, reach: float = 0.7, min_path: float = 20.0) -> np.ndarray:
-    """Rows (k, 2) of vertices (earlier, later), each with the nearest that truly lies within `reach` m.
+    """Rows (k, 2) of vertices (earlier, later), each with the nearest of every visit within `reach` m.
 
     `way` (n,) are metres driven: a place counts as left after `min_path` of them. Rows of nan in `truth` are not known.
     """
@@ -31,9 +31,7 @@ def true_loops(truth: np.ndarray, way: np.ndarray, reach: float = 0.7, min_path:
     for later in range(len(truth)):
         n_left = int(np.searchsorted(way, way[later] - min_path, side="right"))
         distances = np.hypot(*(truth[:n_left, :2] - truth[later, :2]).T)
-        near = distances < reach
-        if np.any(near):
-            pairs.append((int(np.argmin(np.where(near, distances, np.inf))), later))
+        pairs += [(earlier, later) for earlier in nearest_of_visits(distances, reach)]
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 

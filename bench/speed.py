@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.benchmark import Bench, Column, Crew, Record, Row, figures, middle, runs
+from bench.benchmark import Bench, Column, Crew, Record, Row, figures, middle, plain, runs
 from bench.recordings import read, semireal
 from bench.scores import PARTICLES, params_of
 from server.messages import Effect, Keyframe, Ranges
@@ -67,13 +67,17 @@ def run(case: str, seed: int, started: float) -> Record:
         "processor_speed": duration / busy,
         "duration": duration,
         "vertices": len(results[0].path),
+        "restarts": results[0].verdict.restarts,
         "total": fastest["total"],
         **parts(log, params, seed),
     }
 
 
 def parts(log, params: CrunchParams, seed: int) -> Record:
-    """Processor seconds of decoding, fusion, walls, what else the fold does, the filter, and the refinement."""
+    """Processor seconds of decoding, fusion, walls, what else the fold does, the filter, and the refinement.
+
+    Restarts are not in them; that there were none is told.
+    """
     before = time.thread_time()
     for _ in log.messages(params.calibration):
         pass
@@ -122,6 +126,7 @@ BENCH = Bench(
         Column("rest of the fold (s)", middle("rest")),
         Column("filter (s)", middle("filter")),
         Column("refinement at the end (s)", middle("refinement")),
+        Column("restarts", plain("restarts")),
         Column("start-up, not counted (s)", middle("startup", 1)),
         Column("drive (s)", middle("duration", 0)),
     ),

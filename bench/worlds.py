@@ -20,7 +20,7 @@ from firmware.virtual.buildings import Site, round_corridor, slanted_wings
 from firmware.virtual.lanes import parallel_corridors
 from firmware.virtual.museum import museum
 from server.replay import Result
-from slam.evaluate import alignment, revisit_pairs
+from slam.evaluate import alignment, wrong_meetings
 from slam.pose import between, compose
 
 WORLDS: dict[str, Callable[[int], Site]] = {
@@ -29,9 +29,7 @@ WORLDS: dict[str, Callable[[int], Site]] = {
     "museum": museum,
     "parallel": parallel_corridors,
 }
-MEETING = 0.4  # m between two poses that the map holds for one place
-ELSEWHERE = 0.8  # m by which such a place is truly another one
-LEFT = 5.0  # m of path after which a place was left
+MERGED = 0.02  # of the meetings on the map that are of two places
 
 
 def recording(name: str, seed: int, drift: str) -> Path:
@@ -44,13 +42,6 @@ def recording(name: str, seed: int, drift: str) -> Path:
     return made(f"{name}-{drift}-{seed}", robot, 3.0 * site.plan.length / 0.3)
 
 
-def wrong_meetings(poses: np.ndarray, truth: np.ndarray) -> float:
-    """Share of the meetings of a mapped path (n, 3) with itself where the truth (n, 3) was elsewhere."""
-    later, earlier = revisit_pairs(poses, MEETING, LEFT)
-    apart = np.hypot(*(truth[later, :2] - truth[earlier, :2]).T)
-    return float(np.mean(apart > ELSEWHERE)) if len(apart) else 0.0
-
-
 def world_record(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth: np.ndarray) -> Record:
     """The record of poses (n, 3) that belong row by row to the true ones, and how they went wrong if they did."""
     record = record_of(result, mapped, odometry, truth)
@@ -61,7 +52,7 @@ def world_record(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth
         "heading": heading,
         "wrong_meetings": merged,
         "captured": bool(heading > np.pi / 4.0),
-        "merged": merged > 0.02,
+        "merged": merged > MERGED,
     }
 
 

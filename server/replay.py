@@ -117,6 +117,10 @@ def run_log(
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         spent += time.perf_counter() - before
 
+    def told(share: float) -> None:
+        if progress:
+            progress(round(share * len(drive.times)))
+
     drive = fold(log, Crunch(params), extend, progress)
     before = time.perf_counter()
     is_bundled = len(drive.echoes.points) > 0
@@ -127,7 +131,7 @@ def run_log(
         estimate = path_filter.estimate()._replace(path=trajectory[drive.rows])
     else:
         path_filter.refine()
-        path_filter, verdict = decided(path_filter, drive.keyframes, params, seed, threads)
+        path_filter, verdict = decided(path_filter, drive.keyframes, params, seed, threads, told)
         estimate = path_filter.estimate()
         trajectory = correct(drive.odometry, drive.rows, estimate.path)
     if np.any(log.mount):

@@ -6,7 +6,7 @@ lead tells that, and more islands are the remedy. A robot that still drives cann
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from server.messages import Keyframe
 from server.robots.crunch import CrunchParams, make_estimator
@@ -18,14 +18,23 @@ FIRST = 1 << 16  # number of the first restart's seed; islands have smaller ones
 
 
 def decided(
-    path_filter: RefinedFilter, keyframes: Sequence[Keyframe], params: CrunchParams, seed: int, threads: int
+    path_filter: RefinedFilter,
+    keyframes: Sequence[Keyframe],
+    params: CrunchParams,
+    seed: int,
+    threads: int,
+    told: Callable[[float], None] = lambda share: None,
 ) -> tuple[RefinedFilter, Verdict]:
-    """The refined estimator of the likeliest path: this one's, or one of at most `params.restarts`."""
+    """The refined estimator of the likeliest path: this one's, or one of at most `params.restarts`.
+
+    `told` hears which share of the log each restart has filtered.
+    """
     best, known = path_filter, path_filter.hypotheses
     found = verdict(known)
     while found.is_open and found.restarts < params.restarts:
         other = make_estimator(params, seed_of(seed, FIRST + found.restarts), threads)
-        for keyframe in keyframes:
+        for done, keyframe in enumerate(keyframes):
+            told(done / len(keyframes))
             other.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         other.refine()
         if likeliest(other.hypotheses).score > likeliest(known).score:

@@ -208,6 +208,20 @@ def revisit_pairs(
     return np.array(later, np.int64), np.array(earlier, np.int64)
 
 
+def wrong_meetings(
+    poses: np.ndarray, reference: np.ndarray, meeting: float = 0.4, elsewhere: float = 0.8, min_path: float = 5.0
+) -> float:
+    """Share of the meetings of a path (n, 3) with itself where the reference (n, 3), row by row, was at two places.
+
+    A meeting: `poses` come within `meeting` m of where they were `min_path` m of the way before. At two places: more
+    than `elsewhere` m apart. Rows of nan in the reference are not known and do not count.
+    """
+    later, earlier = revisit_pairs(poses, meeting, min_path)
+    apart = np.hypot(*(reference[later, :2] - reference[earlier, :2]).T)
+    apart = apart[np.isfinite(apart)]
+    return float(np.mean(apart > elsewhere)) if len(apart) else 0.0
+
+
 @dataclass(frozen=True)
 class MapAgreement:
     """Share of wall points within `tolerance` m of a grid's walls, and the points' distances from them (m)."""

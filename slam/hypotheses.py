@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam.evaluate import absolute_error
+from slam.evaluate import wrong_meetings
 
-APART = 0.5  # m, root mean square, by which paths differ that are not of one map; open ends alone may differ by more
+ELSEWHERE = 0.1  # of a path's meetings with itself: more must be of two places by another path that makes another map
 DECIDED = 20.0  # nats of a lead that counts: some ten vertices see the same wall, so that they tell as much as one
 
 
@@ -26,8 +26,12 @@ class Hypothesis(NamedTuple):
 
 
 def is_elsewhere(path: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two paths (n, 3) make different maps, wherever these begin."""
-    return absolute_error(path, other).translation.rmse > APART
+    """Whether two paths (n, 3) make different maps, in that one comes back to a place where the other does not.
+
+    How far apart they are does not tell: a corridor laid on the next is half a metre root mean square, and an end
+    that nothing holds may swing by more on one and the same map.
+    """
+    return max(wrong_meetings(path, other), wrong_meetings(other, path)) > ELSEWHERE
 
 
 def likeliest(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

@@ -106,7 +106,9 @@ def test_an_undecided_drive_is_filtered_again_by_other_islands(monkeypatch):
     assert plain.verdict.of == 4
     assert plain.verdict.restarts == 0, "one island leads"
     monkeypatch.setattr("slam.hypotheses.DECIDED", 1e9)
-    again = run_log(log, params, SEED)
+    told: list[int] = []
+    again = run_log(log, params, SEED, progress=told.append)
+    assert 0 in told[1:], "the bar begins again with a restart"
     assert again.verdict.restarts == 1
     assert again.verdict.of == 8
     assert again.trajectory.tobytes() == run_log(log, params, SEED, threads=2).trajectory.tobytes()
