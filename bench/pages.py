@@ -4,7 +4,7 @@
     python -m bench.pages build/bench/scale.json high.json ...
 
 Each benchmark's table goes to the page's place of its name; of one that was run in parts the rows stand in the order
-of the files. What the files do not have stays as it is.
+of the files. Its columns are those of now, made of what each run found; a dash stands for what was not kept then.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.benchmark import Row
+from bench.catalogue import CATALOGUE
 from bench.claims.findings import renewed
 from bench.recordings import ROOT
 from bench.result import Result, Results
@@ -21,14 +23,11 @@ PAGE = ROOT / "docs" / "results.md"
 
 
 def table(parts: Sequence[Result]) -> str:
-    """The rows of a benchmark's parts as one table, what the columns cannot say, and what made them.
-
-    ValueError where the parts' columns differ.
-    """
-    columns = parts[0].columns
-    if any(part.columns != columns for part in parts):
-        raise ValueError(f"the parts of {parts[0].name} have different columns: run them at one commit")
-    rows = [[row.name, *row.cells] for part in parts for row in part.rows]
+    """The rows of a benchmark's parts as one table, what the columns cannot say, and what made them."""
+    [bench] = [bench for bench in CATALOGUE if bench.name == parts[0].name]
+    columns = [bench.heading, *(column.title for column in bench.columns)]
+    found = [Row(row.name, row.records) for part in parts for row in part.rows]
+    rows = [[row.name, *(column.text(row) for column in bench.columns)] for row in found]
     lines = [f"| {' | '.join(cells)} |" for cells in (columns, *rows)]
     lines.insert(1, "|" + "---|" * len(columns))
     notes = [f"\n{note}" for part in parts for note in part.notes]
