@@ -9,26 +9,20 @@ new filter; the preset is the one that `crunch replay --beams` takes, for both l
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from bench.benchmark import Bench, Column, Record, Row, each, failed, middle, runs, tails
 from bench.recordings import data_folder
-from bench.scores import against, params_of, record_of, speed_of
+from bench.scores import against, by_relations, params_of, record_of, relations_of, speed_of
 from server import config
 from server.formats.carmen import FLASER_MAX_RANGE
 from server.formats.logs import Log, read_log
-from server.formats.relations import read_relations
 from server.formats.tum import read_tum
 from server.replay import Result, run_log
-from slam.evaluate import relations_error
 from slam.timeline import interpolate
 
 BEAMS = (4, 5, 8, 11, 30)
 LOGS = {"Intel": "intel/intel-dense.log", "ACES": "aces/aces.log"}
-MEASURES = (("mean", 4), ("std", 4), ("degrees", 2))
 
 
 class Published(NamedTuple):
@@ -78,30 +72,9 @@ def scored(result: Result, log: Log) -> Record:
     return record | by_relations(result, log.path.parent / "intel.relations")
 
 
-def by_relations(result: Result, path: Path) -> Record:
-    """Mean and standard deviation (m) and mean turn (degrees) of the relations' errors, odometry's beside them."""
-    if not path.is_file():
-        return {}
-    relations = read_relations(path)
-    record: Record = {}
-    for prefix, poses in (("", result.trajectory), ("odometry_", result.drive.odometry)):
-        errors = relations_error(result.drive.times, poses, relations)
-        record[f"{prefix}mean"] = errors.translation.mean
-        record[f"{prefix}std"] = errors.translation.std
-        record[f"{prefix}degrees"] = float(np.degrees(errors.rotation.mean))
-    return record
-
-
-def mean_and_std(prefix: str = "") -> Column:
+def relations_column(prefix: str = "") -> Column:
     """The relations' error, medians over the seeds."""
-
-    def text(row: Row) -> str:
-        if f"{prefix}mean" not in row.records[0]:
-            return "-"
-        mean, std, turn = (middle(f"{prefix}{key}", digits)(row) for key, digits in MEASURES)
-        return f"{mean} +- {std} m, {turn} deg"
-
-    return Column(prefix.replace("_", "'s ") + "relations", text)
+    return Column(prefix.replace("_", "'s ") + "relations", lambda row: relations_of(row, prefix))
 
 
 def notes(rows: list[Row]) -> Iterator[str]:
@@ -125,10 +98,10 @@ BENCH = Bench(
     ),
     columns=(
         Column("runs", runs),
-        mean_and_std(),
+        relations_column(),
         Column("its mean: median / p90 / worst (m)", tails("mean", 4)),
-        mean_and_std("thesis_"),
-        mean_and_std("odometry_"),
+        relations_column("thesis_"),
+        relations_column("odometry_"),
         Column("ATE median / p90 / worst (m)", tails("ate")),
         Column("thesis's", tails("thesis_ate")),
         Column("odometry's", middle("odometry_ate")),

@@ -11,14 +11,22 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.benchmark import Bench, Record, Row, each, middle
+from bench.benchmark import Bench, Record, Row, each
 from bench.recordings import data_folder, read, semireal
-from bench.scores import COLUMNS, PARTICLES_OFFLINE, against, beside_thesis, of_each, oracle_of, record_of
+from bench.scores import (
+    COLUMNS,
+    PARTICLES_OFFLINE,
+    against,
+    beside_thesis,
+    by_relations,
+    of_each,
+    oracle_of,
+    record_of,
+    relations_of,
+)
 from server.formats.logs import Log, read_log
-from server.formats.relations import read_relations
 from server.formats.tum import read_tum
 from server.replay import Result
-from slam.evaluate import relations_error
 from slam.timeline import interpolate
 
 FIVE = "Intel, five directions"
@@ -27,7 +35,7 @@ FIVE = "Intel, five directions"
 def run(name: str, seed: int) -> Record:
     """One seed of a drive."""
     if name == FIVE:
-        return by_relations(seed)
+        return on_real_beams(seed)
     log, times, truth = read(semireal(name, seed))
     return beside_thesis(log, against(times, truth), seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed))
 
@@ -39,24 +47,17 @@ def five_directions() -> tuple[Log, np.ndarray, np.ndarray]:
     return read_log(data / "intel" / "intel-dense.log"), *read_tum(data / "intel" / "reference.tum")
 
 
-def by_relations(seed: int) -> Record:
+def on_real_beams(seed: int) -> Record:
     """One seed on the real beams; beside the path's errors those of the relations that were verified by hand."""
     data = data_folder()
     assert data is not None
     log, times, truth = five_directions()
-    relations = read_relations(data / "intel" / "intel.relations")
 
     def scored(result: Result) -> Record:
         drive = result.drive
         mapped = interpolate(drive.times, result.trajectory, times)[0]
         odometry = interpolate(drive.times, drive.odometry, times)[0]
-        record = record_of(result, mapped, odometry, truth)
-        for prefix, poses in (("", result.trajectory), ("odometry_", drive.odometry)):
-            errors = relations_error(drive.times, poses, relations)
-            record[f"{prefix}relations_mean"] = errors.translation.mean
-            record[f"{prefix}relations_std"] = errors.translation.std
-            record[f"{prefix}relations_deg"] = float(np.degrees(errors.rotation.mean))
-        return record
+        return record_of(result, mapped, odometry, truth) | by_relations(result, data / "intel" / "intel.relations")
 
     return beside_thesis(log, scored, seed, PARTICLES_OFFLINE, oracle_of(times, truth, seed))
 
@@ -65,17 +66,9 @@ def notes(rows: list[Row]) -> Iterator[str]:
     """Every seed's ATE, and the relations' errors beside the thesis's and odometry's."""
     yield from of_each(rows, "ate")
     for row in rows:
-        if "relations_mean" in row.records[0]:
+        if "mean" in row.records[0]:
             ours, thesis, odometry = (relations_of(row, prefix) for prefix in ("", "thesis_", "odometry_"))
             yield f"{row.name}, relations, medians over the seeds: {ours}; thesis {thesis}; odometry {odometry}"
-
-
-def relations_of(row: Row, prefix: str) -> str:
-    """Mean, standard deviation and angle of a path's relations, medians over the seeds."""
-    mean, std, turn = (
-        middle(f"{prefix}relations_{name}", digits)(row) for name, digits in (("mean", 3), ("std", 3), ("deg", 2))
-    )
-    return f"{mean} +- {std} m, {turn} deg"
 
 
 BENCH = Bench(

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.benchmark import Column, Record, failed, figures, middle, runs, share, tails
+from bench.benchmark import Column, Record, Row, failed, figures, middle, runs, share, tails
 from bench.oracle import oracle_path
 from server import config
 from server.formats.logs import Log
+from server.formats.relations import read_relations
 from server.replay import Result, run_log
 from server.robots.crunch import CrunchParams
-from slam.evaluate import absolute_error, revisits
+from slam.evaluate import absolute_error, relations_error, revisits
 from slam.timeline import associate
 from slam.trajectory import correct
 
@@ -36,6 +38,8 @@ COLUMNS = (
     Column("x real time", middle("speed", 0)),
     Column("not closed", failed("closed")),
 )
+
+RELATIONS = (("mean", 4), ("std", 4), ("degrees", 2))  # of their errors, with digits
 
 Scored = Callable[[Result], Record]
 
@@ -95,6 +99,28 @@ def record_of(result: Result, mapped: np.ndarray, odometry: np.ndarray, truth: n
         "open": result.verdict.is_open if result.verdict.of > 1 else None,
         "speed": speed_of(result),
     }
+
+
+def by_relations(result: Result, path: Path) -> Record:
+    """Mean and standard deviation (m) and mean turn (degrees) of the relations' errors, odometry's beside them."""
+    if not path.is_file():
+        return {}
+    relations = read_relations(path)
+    record: Record = {}
+    for prefix, poses in (("", result.trajectory), ("odometry_", result.drive.odometry)):
+        errors = relations_error(result.drive.times, poses, relations)
+        record[f"{prefix}mean"] = errors.translation.mean
+        record[f"{prefix}std"] = errors.translation.std
+        record[f"{prefix}degrees"] = float(np.degrees(errors.rotation.mean))
+    return record
+
+
+def relations_of(row: Row, prefix: str = "") -> str:
+    """Mean, standard deviation and turn of a path's relations, medians over the seeds; a dash where there are none."""
+    if f"{prefix}mean" not in row.records[0]:
+        return "-"
+    mean, std, turn = (middle(f"{prefix}{name}", digits)(row) for name, digits in RELATIONS)
+    return f"{mean} +- {std} m, {turn} deg"
 
 
 def speed_of(result: Result) -> float:

@@ -31,9 +31,9 @@ def texts_of(result: Result) -> dict[str, str]:
 
 
 def made_by(result: Result, claim: str) -> str:
-    """The command, when it was run and on what."""
-    day, machine = result.date[:10], result.machine.processor
-    return f"*`crunch bench claims --only {claim} --seeds {result.seeds}`, {day}, {machine}.*"
+    """The command, when it was run, at which commit and on what."""
+    made = f"{result.date[:10]}, commit {result.commit[:7]}, {result.machine.processor}"
+    return f"*`crunch bench claims --only {claim} --seeds {result.seeds}`, {made}.*"
 
 
 def main() -> None:
