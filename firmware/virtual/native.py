@@ -24,6 +24,7 @@ FIRMWARE = Path(__file__).resolve().parent.parent
 FOLDERS = ("link", "drive", "sensor", "virtual")
 FLAGS = ("-O2", "-fPIC", "-shared", "-std=c11", "-ffp-contract=off")
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion")
+HARDWARE = ("main.c", "board.h")  # of each board: what only a microcontroller has
 PACKED_HEADER = "channels.h"  # the only one with packed structures
 ERASED = ("-D__attribute__(x)=", "-D_Static_assert(...)=struct assertion")  # what cffi's parser does not take
 SYSTEM_HEADERS = ("stdint.h", "stdbool.h", "stddef.h", "string.h", "math.h")  # cffi knows their types
@@ -43,12 +44,12 @@ class Native(NamedTuple):
 
 def sources() -> list[Path]:
     """All C files of the firmware's pure part and of the simulator, in a fixed order."""
-    return [path for folder in FOLDERS for path in sorted((FIRMWARE / folder).glob("*.c"))]
+    return [path for folder in FOLDERS for path in sorted((FIRMWARE / folder).glob("*.c")) if path.name not in HARDWARE]
 
 
 def headers() -> list[Path]:
     """All their headers, in the order of `FOLDERS`."""
-    return [path for folder in FOLDERS for path in sorted((FIRMWARE / folder).glob("*.h"))]
+    return [path for folder in FOLDERS for path in sorted((FIRMWARE / folder).glob("*.h")) if path.name not in HARDWARE]
 
 
 def compiler() -> str:

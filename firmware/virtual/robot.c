@@ -7,8 +7,6 @@
 #define DRIVE_STEP_MS SUPERVISOR_STEP_MS
 #define ODOMETRY_MS 20
 #define SENSOR_BOOT_MS 12   /* the sensor board wakes so much later */
-#define STATUS_MS 1000
-#define STATUS_AT 505
 #define ARMING_PATIENCE_MS 10000
 #define TWO_PI 6.283185307179586
 #define METRES_PER_TICK (TWO_PI * BODY_WHEEL_RADIUS / BODY_TICKS_PER_TURN)
@@ -23,10 +21,9 @@ void robot_init(struct robot *robot, const struct caster *walls, const double po
     robot->body.is_held = true;
     inertial_init(&robot->inertial, seed);
     rangefinders_init(&robot->rangefinders, walls, seed);
-    robot->wire.bytes = robot->bytes;
-    robot->wire.capacity = ROBOT_WIRE_BYTES;
-    drive_board_init(&robot->drive, &robot->wire, build);
-    sensor_board_init(&robot->sensor, &robot->wire, build);
+    outbox_init(&robot->outbox, robot->bytes, ROBOT_WIRE_BYTES);
+    drive_board_init(&robot->drive, &robot->outbox, build);
+    sensor_board_init(&robot->sensor, &robot->outbox, build);
 }
 
 void robot_script(struct robot *robot, const double *rolled, const double *poses, int32_t count)
@@ -34,7 +31,7 @@ void robot_script(struct robot *robot, const double *rolled, const double *poses
     robot->script.rolled = rolled;
     robot->script.poses = poses;
     robot->script.count = count;
-    telemetry_init(&robot->drive.telemetry);
+    telemetry_init(&robot->drive.loop.telemetry);
     robot->start_ms = robot->now_ms;
 }
 
@@ -89,7 +86,7 @@ static int16_t milli(double value)
 
 static void read_supplies(struct robot *robot)
 {
-    struct supplies *supplies = &robot->drive.supplies;
+    struct supplies *supplies = &robot->drive.samples.supplies;
     const struct body *body = &robot->body;
     supplies->battery_mv = (uint16_t)(body->battery.volts * 1000.0);
     supplies->battery_ma = milli(body->battery.amperes);
@@ -106,11 +103,10 @@ static void run_drive(struct robot *robot)
     drive_board_sample(&robot->drive, gyro, accelerometer);
     if ((robot->now_ms + 1) % DRIVE_STEP_MS != 0)
         return;
-    robot->drive.left_ticks = count_ticks(robot->body.wheels[0] * BODY_WHEEL_RADIUS);
-    robot->drive.right_ticks = count_ticks(robot->body.wheels[1] * BODY_WHEEL_RADIUS);
+    robot->drive.samples.left_ticks = count_ticks(robot->body.wheels[0] * BODY_WHEEL_RADIUS);
+    robot->drive.samples.right_ticks = count_ticks(robot->body.wheels[1] * BODY_WHEEL_RADIUS);
     read_supplies(robot);
-    drive_board_step(&robot->drive);
-    if (robot->drive.told_odometry)
+    if (drive_board_step(&robot->drive) & TELEMETRY_ODOMETRY)
         note_truth(robot);
 }
 
@@ -120,12 +116,11 @@ static void run_scripted_drive(struct robot *robot)
     if (elapsed % DRIVE_STEP_MS != 0 || elapsed / ROBOT_SCRIPT_MS >= (uint64_t)robot->script.count)
         return;
     const double *rolled = robot->script.rolled + 2 * (size_t)(elapsed / ROBOT_SCRIPT_MS);
-    robot->drive.left_ticks = count_ticks(rolled[0]);
-    robot->drive.right_ticks = count_ticks(rolled[1]);
+    robot->drive.samples.left_ticks = count_ticks(rolled[0]);
+    robot->drive.samples.right_ticks = count_ticks(rolled[1]);
     battery_drain(&robot->body.battery, 0.5, DRIVE_STEP_MS * 1e-3);
     read_supplies(robot);
-    drive_board_tell(&robot->drive);
-    if (robot->drive.told_odometry)
+    if (drive_board_tell(&robot->drive) & TELEMETRY_ODOMETRY)
         note_truth(robot);
 }
 
@@ -137,57 +132,47 @@ static void fire(struct robot *robot, uint8_t sonars)
         if (!(sonars >> i & 1) || robot->sonar_ranges[i] == INFINITY)
             continue;
         const double echo_us = 2e6 * robot->sonar_ranges[i] / SOUND_SPEED;
-        sonar_schedule_echo(&robot->sensor.sonar, i, (uint16_t)(echo_us + 0.5));
+        sensor_loop_echo(&robot->sensor.loop, i / 2, (uint16_t)(echo_us + 0.5));
     }
 }
 
 static void read_infrared(struct robot *robot)
 {
     uint16_t counts[INFRARED_COUNT];
-    struct infrared_payload frame;
-    uint32_t time_ms;
-    if (robot->sensor.infrared.samples == 0) { /* a GP2D12 holds its output while it measures again */
+    if (robot->sensor.loop.infrared.samples == 0) { /* a GP2D12 holds its output while it measures again */
         const struct place place = robot_place(robot);
         infrared_look(&robot->rangefinders, &place, robot->infrared_distances);
     }
     for (int i = 0; i < INFRARED_COUNT; i++)
         counts[i] = infrared_read(&robot->rangefinders, robot->infrared_distances[i]);
-    if (infrared_add(&robot->sensor.infrared, counts, &frame, &time_ms))
-        sensor_board_tell_infrared(&robot->sensor, &frame, time_ms);
+    sensor_loop_infrared(&robot->sensor.loop, counts);
 }
 
 static void run_sensor(struct robot *robot)
 {
-    struct sonar_payload sweep;
-    uint32_t sweep_ms;
-    bool is_done;
+    struct sensor_loop *loop = &robot->sensor.loop;
     if (robot->now_ms < SENSOR_BOOT_MS)
         return;
-    const uint32_t uptime = (uint32_t)(robot->now_ms - SENSOR_BOOT_MS);
-    robot->sensor.board.uptime_ms = uptime;
-    const uint8_t sonars = sonar_schedule_tick(&robot->sensor.sonar, uptime, &sweep, &sweep_ms, &is_done);
-    if (is_done)
-        sensor_board_tell_sonar(&robot->sensor, &sweep, sweep_ms);
-    if (sonars)
-        fire(robot, sonars);
-    if (infrared_tick(&robot->sensor.infrared, uptime))
+    loop->teller.uptime_ms = (uint32_t)(robot->now_ms - SENSOR_BOOT_MS);
+    const struct sensor_work work = sensor_loop_tick(loop);
+    if (work.fire)
+        fire(robot, work.fire);
+    if (work.is_infrared_due)
         read_infrared(robot);
-    if (uptime % STATUS_MS == STATUS_AT)
-        sensor_board_tell_status(&robot->sensor);
 }
 
 static void tick(struct robot *robot)
 {
-    robot->drive.board.uptime_ms = (uint32_t)robot->now_ms;
+    robot->drive.loop.teller.uptime_ms = (uint32_t)robot->now_ms;
     if (robot->script.count > 0) {
         run_scripted_drive(robot);
         run_sensor(robot);
     } else {
         run_drive(robot);
         run_sensor(robot);
-        const double duties[2] = {(double)robot->drive.duties.left, (double)robot->drive.duties.right};
+        const double duties[2] = {(double)robot->drive.loop.duties.left, (double)robot->drive.loop.duties.right};
         body_step(&robot->body, duties);
-        if (supervisor_is_balancing(&robot->drive.supervisor))
+        if (supervisor_is_balancing(&robot->drive.loop.supervisor))
             robot->body.is_held = false; /* the hand lets go */
     }
     robot->now_ms++;
@@ -195,7 +180,7 @@ static void tick(struct robot *robot)
 
 void robot_advance(struct robot *robot, int32_t ms)
 {
-    robot->wire.size = 0;
+    robot->outbox.size = 0;
     robot->truth_rows = 0;
     for (int32_t i = 0; i < ms; i++)
         tick(robot);
@@ -203,21 +188,21 @@ void robot_advance(struct robot *robot, int32_t ms)
 
 static bool is_odometry_next(const struct robot *robot)
 {
-    return (robot->now_ms + 1) % DRIVE_STEP_MS == 0 && robot->drive.telemetry.phase_ms % ODOMETRY_MS == 0;
+    return (robot->now_ms + 1) % DRIVE_STEP_MS == 0 && robot->drive.loop.telemetry.phase_ms % ODOMETRY_MS == 0;
 }
 
 bool robot_stand(struct robot *robot)
 {
-    const struct command arm = {.kind = COMMAND_ARM, .sequence = robot->drive.supervisor.acknowledged};
-    supervisor_obey(&robot->drive.supervisor, &arm);
+    const struct command arm = {.kind = COMMAND_ARM, .sequence = robot->drive.loop.supervisor.acknowledged};
+    supervisor_obey(&robot->drive.loop.supervisor, &arm);
     for (int32_t i = 0; i < ARMING_PATIENCE_MS; i++) {
         robot_advance(robot, 1);
-        if (supervisor_is_balancing(&robot->drive.supervisor) && is_odometry_next(robot))
+        if (supervisor_is_balancing(&robot->drive.loop.supervisor) && is_odometry_next(robot))
             break;
     }
     robot_advance(robot, 0);
     robot->start_ms = robot->now_ms;
-    return supervisor_is_balancing(&robot->drive.supervisor);
+    return supervisor_is_balancing(&robot->drive.loop.supervisor);
 }
 
 void robot_receive(struct robot *robot, const uint8_t *bytes, int32_t count)
@@ -231,7 +216,7 @@ void robot_steer(struct robot *robot, double speed, double turn)
     const struct command command = {
         .kind = COMMAND_DRIVE,
         .wish = {(float)speed, (float)turn},
-        .sequence = robot->drive.supervisor.acknowledged,
+        .sequence = robot->drive.loop.supervisor.acknowledged,
     };
-    supervisor_obey(&robot->drive.supervisor, &command);
+    supervisor_obey(&robot->drive.loop.supervisor, &command);
 }

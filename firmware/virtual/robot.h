@@ -37,7 +37,7 @@ struct robot {
     double sonar_ranges[SENSOR_COUNT];
     double infrared_distances[SENSOR_COUNT];
     double charger_volts;
-    struct wire wire;
+    struct outbox outbox; /* both boards share it */
     uint8_t bytes[ROBOT_WIRE_BYTES];
     struct truth truth[ROBOT_TRUTH_ROWS];
     int32_t truth_rows;

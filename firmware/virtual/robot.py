@@ -67,7 +67,7 @@ class Crunch:
     @property
     def state(self) -> str:
         """The drive board's state: disarmed, armed, fallen, link_lost or fault."""
-        return STATES[self.robot.drive.supervisor.state]
+        return STATES[self.robot.drive.loop.supervisor.state]
 
     def truth(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) and true poses (n, 3) at every odometry frame that the drive board has sampled so far."""
@@ -102,7 +102,7 @@ class Crunch:
         self.lib.robot_advance(robot, ms)
         if robot.truth_rows:
             self.rows += self.ffi.buffer(robot.truth, robot.truth_rows * 32)
-        sent = bytes(self.ffi.buffer(robot.bytes, robot.wire.size)) if robot.wire.size else b""
+        sent = bytes(self.ffi.buffer(robot.bytes, robot.outbox.size)) if robot.outbox.size else b""
         if self.air is None:
             return sent
         now = self.time

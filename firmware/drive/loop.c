@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "loop.h"
+
+#include <string.h>
+
+#define MAX_DUTY_BYTE 127.0f
+
+void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct outbox *outbox)
+{
+    memset(loop, 0, sizeof *loop);
+    teller_init(&loop->teller, SOURCE_DRIVE, boot, outbox);
+    tilt_init(&loop->tilt);
+    odometry_init(&loop->odometry, 0, 0);
+    balance_init(&loop->balance);
+    supervisor_init(&loop->supervisor);
+    telemetry_init(&loop->telemetry);
+    frame_decoder_init(&loop->decoder);
+}
+
+enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte)
+{
+    struct frame frame;
+    if (!frame_decoder_feed(&loop->decoder, byte, &frame))
+        return COMMAND_REFUSED;
+    const struct command command = command_of_frame(&frame, (uint16_t)loop->teller.uptime_ms);
+    supervisor_obey(&loop->supervisor, &command);
+    return command.kind;
+}
+
+static float magnitude(float value)
+{
+    return value < 0.0f ? -value : value;
+}
+
+static float greater(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+static int16_t rounded(float value, float limit)
+{
+    if (value > limit)
+        value = limit;
+    if (value < -limit)
+        value = -limit;
+    return (int16_t)(value < 0.0f ? value - 0.5f : value + 0.5f);
+}
+
+static void tell_odometry(struct drive_loop *loop, const struct drive_samples *samples)
+{
+    const struct odometry_payload payload = {
+        .left_ticks = (int16_t)samples->left_ticks,
+        .right_ticks = (int16_t)samples->right_ticks,
+        .tilt = rounded(loop->tilt.angle * 10000.0f, 32767.0f),
+    };
+    teller_tell(&loop->teller, CHANNEL_ODOMETRY, loop->teller.uptime_ms, &payload, sizeof payload);
+}
+
+static void tell_balance(struct drive_loop *loop)
+{
+    const struct balance_payload payload = {
+        .tilt_rate = rounded(loop->tilt.rate * 1000.0f, 32767.0f),
+        .position_error = rounded(loop->balance.ahead * -1000.0f, 32767.0f),
+        .left_duty = (int8_t)rounded(loop->duties.left * MAX_DUTY_BYTE, MAX_DUTY_BYTE),
+        .right_duty = (int8_t)rounded(loop->duties.right * MAX_DUTY_BYTE, MAX_DUTY_BYTE),
+        .state = loop->supervisor.state,
+        .reason = loop->supervisor.reason,
+        .acknowledged = loop->supervisor.acknowledged,
+    };
+    teller_tell(&loop->teller, CHANNEL_BALANCE, loop->teller.uptime_ms, &payload, sizeof payload);
+}
+
+static void tell_power(struct drive_loop *loop, const struct supplies *supplies)
+{
+    const struct power_payload payload = {
+        .battery_mv = supplies->battery_mv, .battery_ma = supplies->battery_ma,
+        .charger_mv = supplies->charger_mv, .charger_ma = supplies->charger_ma,
+        .left_motor_ma = supplies->motor_ma[0], .right_motor_ma = supplies->motor_ma[1],
+    };
+    teller_tell(&loop->teller, CHANNEL_POWER, loop->teller.uptime_ms, &payload, sizeof payload);
+}
+
+uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *samples)
+{
+    const struct supervisor *supervisor = &loop->supervisor;
+    const uint8_t due = telemetry_step(&loop->telemetry, supervisor->state);
+    if (due & TELEMETRY_ODOMETRY)
+        tell_odometry(loop, samples);
+    if (due & TELEMETRY_BALANCE)
+        tell_balance(loop);
+    if (due & TELEMETRY_POWER)
+        tell_power(loop, &samples->supplies);
+    if (due & TELEMETRY_STATUS)
+        teller_tell_status(&loop->teller, supervisor->state, supervisor->reason,
+                           (uint16_t)(loop->decoder.rejected + supervisor->refused));
+    return due;
+}
+
+static struct drive_health health_of(const struct drive_loop *loop, const struct drive_samples *samples, bool is_rested,
+                                     const struct rolled *rolled)
+{
+    const float turning = magnitude(rolled->turn_rate) * 0.5f * ODOMETRY_TRACK;
+    const struct supplies *supplies = &samples->supplies;
+    const int16_t left = supplies->motor_ma[0], right = supplies->motor_ma[1];
+    const struct drive_health health = {
+        .tilt = loop->tilt.angle,
+        .is_rested = is_rested,
+        .rail_steps = loop->tilt.rail_steps,
+        .duty = greater(magnitude(loop->duties.left), magnitude(loop->duties.right)),
+        .wheel_speed = magnitude(loop->odometry.forward.speed) + turning,
+        .battery_mv = supplies->battery_mv,
+        .charger_mv = supplies->charger_mv,
+        .motor_ma = (uint16_t)greater(magnitude((float)left), magnitude((float)right)),
+    };
+    return health;
+}
+
+static void motors_off(struct drive_loop *loop)
+{
+    balance_init(&loop->balance);
+    loop->duties.left = loop->duties.right = 0.0f;
+}
+
+uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples)
+{
+    const bool was_balancing = supervisor_is_balancing(&loop->supervisor);
+    tilt_step(&loop->tilt, &samples->inertial);
+    const bool is_rested = !was_balancing && tilt_rest(&loop->tilt, &samples->inertial);
+    if (was_balancing)
+        loop->tilt.is_rested = false;
+    const struct rolled rolled =
+        odometry_step(&loop->odometry, samples->left_ticks, samples->right_ticks, loop->tilt.rate);
+    const struct drive_health health = health_of(loop, samples, is_rested, &rolled);
+    if (supervisor_step(&loop->supervisor, &health)) {
+        const struct lean lean = {loop->tilt.angle, loop->tilt.rate};
+        const struct drive_wish wish = supervisor_wish(&loop->supervisor, &health);
+        const float battery = (float)samples->supplies.battery_mv / 1000.0f;
+        loop->duties = balance_step(&loop->balance, &lean, &rolled, &wish, battery);
+    } else {
+        motors_off(loop);
+    }
+    return drive_loop_tell(loop, samples);
+}

@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The drive board's main loop without its hardware: from what was sampled to duties and frames, 200 times a second. Pure:
+ * no registers, no globals; the host's build gives the same bits. Who calls it keeps the time: `teller.uptime_ms` is the
+ * board's clock and must be right before each call.
+ */
+#ifndef CRUNCH_DRIVE_LOOP_H
+#define CRUNCH_DRIVE_LOOP_H
+
+#include "../link/teller.h"
+#include "power.h"
+#include "supervisor.h"
+#include "telemetry.h"
+#include "tilt.h"
+
+struct drive_samples { /* what the hardware shows at one step */
+    struct inertial_sums inertial;
+    uint16_t left_ticks, right_ticks; /* the encoders' counters; they wrap */
+    struct supplies supplies;
+};
+
+struct drive_loop {
+    struct teller teller;
+    struct tilt tilt;
+    struct odometry odometry;
+    struct balance balance;
+    struct supervisor supervisor;
+    struct telemetry telemetry;
+    struct frame_decoder decoder;
+    struct duties duties; /* what the motors are to do until the next step */
+};
+
+/* Motors off, encoders at zero. The outbox must outlive the loop. */
+void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct outbox *outbox);
+
+/* A byte from the host; returns the kind of command that it completed and that was obeyed, else COMMAND_REFUSED. */
+enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte);
+
+/* One step of 5 ms: estimate, supervise, balance, tell. Sets `duties`; returns the set of frames told. */
+uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples);
+
+/* The telling alone. */
+uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *samples);
+
+#endif
