@@ -5,7 +5,9 @@
 
 void teller_init(struct teller *teller, uint8_t source, const struct boot *boot, struct outbox *outbox)
 {
-    const struct teller fresh = {.source = source, .boot = *boot, .outbox = outbox};
+    const struct teller fresh = {
+        .source = source, .boot = *boot, .worst_loop_us = boot->worst_loop_us, .outbox = outbox,
+    };
     *teller = fresh;
 }
 

@@ -12,6 +12,7 @@ struct boot { /* what the status frame says about this start */
     uint8_t reset_cause; /* MCUCSR */
     uint16_t count;
     uint16_t build;
+    uint16_t worst_loop_us; /* of the run before, where it is known */
 };
 
 struct teller {

@@ -8,7 +8,7 @@
 
 static struct boot first_boot(uint16_t build)
 {
-    const struct boot boot = {.reset_cause = POWER_ON_RESET, .count = 1, .build = build};
+    const struct boot boot = {.reset_cause = POWER_ON_RESET, .count = 1, .build = build, .worst_loop_us = LOOP_US};
     return boot;
 }
 
@@ -17,14 +17,12 @@ void drive_board_init(struct drive_board *drive, struct outbox *outbox, uint16_t
     const struct boot boot = first_boot(build);
     memset(drive, 0, sizeof *drive);
     drive_loop_init(&drive->loop, &boot, outbox);
-    drive->loop.teller.worst_loop_us = LOOP_US;
 }
 
 void sensor_board_init(struct sensor_board *sensor, struct outbox *outbox, uint16_t build)
 {
     const struct boot boot = first_boot(build);
     sensor_loop_init(&sensor->loop, &boot, outbox);
-    sensor->loop.teller.worst_loop_us = LOOP_US;
 }
 
 void drive_board_receive(struct drive_board *drive, uint8_t byte)

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The drive board on an ATmega32 at 16 MHz.
+ *
+ * | pins       | part                                                                                   |
+ * | PA0        | gyro (ADXRS150), 2.5 V at rest, 12.5 mV per deg/s, forward fall positive               |
+ * | PA1, PA2   | accelerometer (ADXL203) forward and upward, 2.5 V at 0 g, 1 V per g; upward not used    |
+ * | PA3, PA4   | battery: voltage over 1:8; current by Hall sensor, 2.5 V at rest, 100 mV per A         |
+ * | PA5        | charger's voltage over 1:8                                                             |
+ * | PA6, PA7   | current sense of the left and right bridge, 2.2 kohm                                   |
+ * | PB0, PB1   | encoders' B (encoders.h)              | PD2, PD3 encoders' A on INT0, INT1             |
+ * | PC0, PC1   | bridges' direction (pwm.h)            | PD4, PD5 bridges' PWM on OC1B, OC1A            |
+ * | PC6        | bridges' BRAKE                        | PC7      GRANT to the sensor board, pulled low |
+ * | PD0, PD1   | modem (uart.h)                        |                                                |
+ *
+ * Timer1 makes the PWM, Timer2 the clock; Timer0 is free.
+ */
+#include "../drive/board.h"
+
+#include "adc.h"
+#include "encoders.h"
+#include "pwm.h"
+#include "ticks.h"
+#include "uart.h"
+#include "watchdog.h"
+
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+
+#define GRANT _BV(PC7)
+
+enum { GYRO, FORWARD, UPWARD, BATTERY, CURRENT, CHARGER, LEFT_MOTOR, RIGHT_MOTOR };
+
+_Static_assert(TILT_OVERSAMPLING == POWER_READINGS, "one converter sums for both");
+
+static struct last_words *last_words;
+static bool is_reverse[2];
+
+struct boot board_init(void)
+{
+    last_words = watchdog_last_words();
+    pwm_init();
+    DDRC |= GRANT;
+    encoders_init();
+    uart_init();
+    adc_init(TILT_OVERSAMPLING);
+    ticks_init(adc_sweep);
+    MCUCR |= _BV(SE); /* idle: the only mode in which all parts go on */
+    watchdog_start();
+    sei();
+    const struct boot boot = {
+        .reset_cause = last_words->reset_cause, .count = last_words->boot_count, .build = BUILD,
+        .worst_loop_us = last_words->worst_loop_us,
+    };
+    return boot;
+}
+
+uint32_t board_ms(void)
+{
+    return ticks_ms();
+}
+
+uint16_t board_us(void)
+{
+    return ticks_us();
+}
+
+bool board_sample(struct drive_samples *samples)
+{
+    uint16_t sums[ADC_CHANNELS];
+    if (!adc_take(sums))
+        return false;
+    const struct supply_sums supplies = {
+        .battery = sums[BATTERY], .current = sums[CURRENT], .charger = sums[CHARGER],
+        .motors = {sums[LEFT_MOTOR], sums[RIGHT_MOTOR]},
+    };
+    samples->inertial.gyro = sums[GYRO];
+    samples->inertial.accelerometer = sums[FORWARD];
+    samples->supplies = power_supplies(&supplies, is_reverse);
+    encoders_read(&samples->left_ticks, &samples->right_ticks);
+    return true;
+}
+
+static int16_t counts_of(float duty)
+{
+    return (int16_t)(duty * (float)PWM_FULL);
+}
+
+void board_drive(const struct duties *duties)
+{
+    is_reverse[0] = duties->left < 0.0f;
+    is_reverse[1] = duties->right < 0.0f;
+    pwm_drive(counts_of(duties->left), counts_of(duties->right));
+}
+
+void board_motors_off(void)
+{
+    pwm_off();
+}
+
+bool board_receive(uint8_t *byte)
+{
+    return uart_receive(byte);
+}
+
+bool board_is_sending(void)
+{
+    return uart_is_sending();
+}
+
+void board_send(const uint8_t *frame, uint8_t size)
+{
+    uart_send(frame, size);
+}
+
+void board_grant(bool is_granted)
+{
+    if (is_granted)
+        PORTC |= GRANT;
+    else
+        PORTC &= (uint8_t)~GRANT;
+}
+
+void board_pet(uint16_t worst_loop_us)
+{
+    last_words->worst_loop_us = worst_loop_us;
+    watchdog_pet();
+}
+
+/* An interrupt just before the sleep is served late by the time to the next one: 104 us, the converter's. */
+void board_sleep(void)
+{
+    sleep_cpu();
+}

@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The drive board's program: wait for samples, step, drive, tell, pet the watchdog, sleep. A step needs five sweeps of
+ * the converter and each of these a tick of the clock: if either stands still, so does the watchdog's petting.
+ */
+#include "board.h"
+
+#include "../link/turns.h"
+
+#define OUTBOX_BYTES 128 /* four of the longest frames */
+
+static struct drive_loop loop;
+static struct outbox outbox;
+static uint8_t outbox_bytes[OUTBOX_BYTES];
+static struct turns turns;
+
+static void take_commands(void)
+{
+    uint8_t byte;
+    while (board_receive(&byte))
+        drive_loop_receive(&loop, byte);
+}
+
+static void step(void)
+{
+    struct drive_samples samples;
+    if (!board_sample(&samples))
+        return;
+    const uint16_t start_us = board_us();
+    drive_loop_step(&loop, &samples);
+    if (supervisor_is_balancing(&loop.supervisor))
+        board_drive(&loop.duties);
+    else
+        board_motors_off();
+    const uint16_t loop_us = (uint16_t)(board_us() - start_us);
+    if (loop_us > loop.teller.worst_loop_us)
+        loop.teller.worst_loop_us = loop_us;
+    board_pet(loop.teller.worst_loop_us);
+}
+
+/* Once per ms: whose turn it is, and the next frame if it is ours. */
+static void share_line(void)
+{
+    uint8_t frame[LINK_MAX_ENCODED];
+    board_grant(turns_step(&turns, board_is_sending()));
+    if (!turns_may_send(&turns) || board_is_sending())
+        return;
+    const uint8_t size = outbox_take(&outbox, frame);
+    if (size > 0)
+        board_send(frame, size);
+}
+
+int main(void)
+{
+    const struct boot boot = board_init();
+    outbox_init(&outbox, outbox_bytes, OUTBOX_BYTES);
+    drive_loop_init(&loop, &boot, &outbox);
+    turns_init(&turns);
+    for (;;) {
+        const uint32_t now_ms = board_ms();
+        if (now_ms != loop.teller.uptime_ms) {
+            loop.teller.uptime_ms = now_ms;
+            share_line();
+        }
+        take_commands();
+        step();
+        board_sleep();
+    }
+}

@@ -1,0 +1,97 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The sensor board's program: each ms fire, read, tell, and speak when the drive board grants it; then sleep. The
+ * watchdog is petted by each set of infra-red readings: it takes the clock and the converter to have one.
+ */
+#include "board.h"
+
+#include "../link/turns.h"
+
+#define OUTBOX_BYTES 128 /* five frames of this board's */
+
+static struct sensor_loop loop;
+static struct outbox outbox;
+static uint8_t outbox_bytes[OUTBOX_BYTES];
+static struct permit permit;
+static uint32_t fired_ms;
+
+_Static_assert(TURNS_GRANTED_BYTES == FRAME_HEADER + sizeof(struct sonar_payload) + FRAME_CHECK + 2, "longest told here");
+_Static_assert(sizeof(struct sonar_payload) >= sizeof(struct infrared_payload), "longest told here");
+_Static_assert(sizeof(struct sonar_payload) >= sizeof(struct status_payload), "longest told here");
+
+static void take_commands(void)
+{
+    uint8_t byte;
+    while (board_receive(&byte))
+        sensor_loop_receive(&loop, byte);
+}
+
+static void take_echoes(void)
+{
+    uint8_t line;
+    uint16_t echo_us;
+    while (board_echo(&line, &echo_us))
+        sensor_loop_echo(&loop, line, echo_us);
+    if (loop.teller.uptime_ms - fired_ms == BOARD_LISTEN_MS)
+        board_stop_listening();
+}
+
+static void work_one_ms(void)
+{
+    loop.teller.uptime_ms++;
+    take_echoes();
+    const struct sensor_work work = sensor_loop_tick(&loop);
+    if (work.fire) {
+        board_fire(work.fire);
+        fired_ms = loop.teller.uptime_ms;
+    }
+    if (work.is_infrared_due)
+        board_start_infrared();
+}
+
+static void take_infrared(void)
+{
+    uint16_t counts[INFRARED_COUNT];
+    if (!board_infrared(counts))
+        return;
+    sensor_loop_infrared(&loop, counts);
+    board_pet(loop.teller.worst_loop_us);
+}
+
+static void speak_if_granted(void)
+{
+    uint8_t frame[LINK_MAX_ENCODED];
+    if (board_is_sending() || !permit_may_send(&permit, board_is_granted()))
+        return;
+    const uint8_t size = outbox_take(&outbox, frame);
+    if (size == 0)
+        return;
+    permit_use(&permit);
+    board_send(frame, size);
+}
+
+static void note_time(uint16_t start_us)
+{
+    const uint16_t loop_us = (uint16_t)(board_us() - start_us);
+    if (loop_us > loop.teller.worst_loop_us)
+        loop.teller.worst_loop_us = loop_us;
+}
+
+int main(void)
+{
+    const struct boot boot = board_init();
+    outbox_init(&outbox, outbox_bytes, OUTBOX_BYTES);
+    sensor_loop_init(&loop, &boot, &outbox);
+    permit_init(&permit);
+    for (;;) {
+        take_commands();
+        take_infrared();
+        while (loop.teller.uptime_ms != board_ms()) { /* each ms counts: none is left out if one comes late */
+            const uint16_t start_us = board_us();
+            speak_if_granted();
+            work_one_ms();
+            note_time(start_us);
+        }
+        board_sleep();
+    }
+}
