@@ -22,6 +22,7 @@ from cffi import FFI
 
 FIRMWARE = Path(__file__).resolve().parent.parent
 FOLDERS = ("link", "drive", "sensor", "virtual")
+LIBRARIES = {"virtual/avr": ("-lsimavr",)}  # that the C of a folder needs
 FLAGS = ("-O2", "-fPIC", "-shared", "-std=c11", "-ffp-contract=off")
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion")
 HARDWARE = ("main.c", "board.h")  # of each board: what only a microcontroller has
@@ -42,14 +43,20 @@ class Native(NamedTuple):
     build: int
 
 
-def sources() -> list[Path]:
+def files(folders: tuple[str, ...], pattern: str) -> list[Path]:
+    """Files of the pure part and of the simulator, in a fixed order."""
+    found = [path for folder in folders for path in sorted((FIRMWARE / folder).glob(pattern))]
+    return [path for path in found if path.name not in HARDWARE]
+
+
+def sources(folders: tuple[str, ...] = FOLDERS) -> list[Path]:
     """All C files of the firmware's pure part and of the simulator, in a fixed order."""
-    return [path for folder in FOLDERS for path in sorted((FIRMWARE / folder).glob("*.c")) if path.name not in HARDWARE]
+    return files(folders, "*.c")
 
 
-def headers() -> list[Path]:
-    """All their headers, in the order of `FOLDERS`."""
-    return [path for folder in FOLDERS for path in sorted((FIRMWARE / folder).glob("*.h")) if path.name not in HARDWARE]
+def headers(folders: tuple[str, ...] = FOLDERS) -> list[Path]:
+    """All their headers, in the order of the folders."""
+    return files(folders, "*.h")
 
 
 def compiler() -> str:
@@ -64,10 +71,10 @@ def compiler() -> str:
     return found
 
 
-def fingerprint() -> str:
+def fingerprint(folders: tuple[str, ...] = FOLDERS) -> str:
     """Hash of sources, headers, flags, the compiler's name, and this file, which says how they become a library."""
     digest = hashlib.sha256(repr((FLAGS, compiler())).encode())
-    for path in [*sources(), *headers(), Path(__file__)]:
+    for path in [*sources(folders), *headers(folders), Path(__file__)]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
@@ -81,12 +88,12 @@ def run_compiler(arguments: list[str]) -> str:
     return result.stdout
 
 
-def flatten_headers(folder: Path) -> tuple[str, str]:
+def flatten_headers(folder: Path, folders: tuple[str, ...] = FOLDERS) -> tuple[str, str]:
     """Declarations that cffi can read: those of the packed wire format, and all others."""
     for name in SYSTEM_HEADERS:
         (folder / name).touch()
     whole = folder / "all.c"
-    whole.write_text("".join(f'#include "{path}"\n' for path in headers()))
+    whole.write_text("".join(f'#include "{path}"\n' for path in headers(folders)))
     text = run_compiler(["-E", "-nostdinc", f"-I{folder}", *ERASED, str(whole)])
     packed: list[str] = []
     plain: list[str] = []
@@ -100,14 +107,15 @@ def flatten_headers(folder: Path) -> tuple[str, str]:
     return "\n".join(packed), "\n".join(plain)
 
 
-def compile_into(target: Path) -> None:
+def compile_into(target: Path, folders: tuple[str, ...] = FOLDERS) -> None:
     """Builds the library and its declarations and moves them into place, the library last."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as name:
         folder = Path(name)
-        run_compiler([*FLAGS, "-o", str(folder / "library"), *map(str, sources()), "-lm"])
+        libraries = [flag for name in folders for flag in LIBRARIES.get(name, ())]
+        run_compiler([*FLAGS, "-o", str(folder / "library"), *map(str, sources(folders)), *libraries, "-lm"])
         (folder / "stand-ins").mkdir()
-        packed, plain = flatten_headers(folder / "stand-ins")
+        packed, plain = flatten_headers(folder / "stand-ins", folders)
         (folder / "packed").write_text(packed)
         (folder / "plain").write_text(plain)
         os.replace(folder / "packed", target.with_suffix(".packed.h"))
@@ -116,12 +124,12 @@ def compile_into(target: Path) -> None:
 
 
 @functools.cache
-def native() -> Native:
+def native(folders: tuple[str, ...] = FOLDERS) -> Native:
     """The loaded library; compiles it if no earlier run has. Raises CompilerError."""
-    digest = fingerprint()
+    digest = fingerprint(folders)
     target = Path(platformdirs.user_cache_dir("crunch")) / "firmware" / f"crunch-{digest[:24]}.so"
     if not target.exists():
-        compile_into(target)
+        compile_into(target, folders)
     ffi = FFI()
     ffi.cdef(target.with_suffix(".packed.h").read_text(), packed=True)
     ffi.cdef(target.with_suffix(".h").read_text())

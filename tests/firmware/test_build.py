@@ -77,7 +77,7 @@ def test_a_missing_compiler_is_named(monkeypatch):
 def test_a_broken_source_is_named(monkeypatch, tmp_path):
     broken = tmp_path / "broken.c"
     broken.write_text("int f(void) { return missing; }\n")
-    monkeypatch.setattr(module, "sources", lambda: [broken])
+    monkeypatch.setattr(module, "sources", lambda folders: [broken])
     with pytest.raises(CompilerError, match=r"broken\.c:1:"):
         compile_into(tmp_path / "cache" / "crunch.so")
     assert not list((tmp_path / "cache").glob("*.so"))

@@ -1,0 +1,48 @@
+"""The boards' programs, built by firmware/Makefile on first use, and the library that runs them under simavr.
+
+Needs avr-gcc and simavr's headers (Debian/Ubuntu: gcc-avr, avr-libc, libsimavr-dev, make); without them ProgramError.
+"""
+
+from __future__ import annotations
+
+import functools
+import shutil
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+from firmware.virtual.native import FIRMWARE, FOLDERS, CompilerError, Native, native
+
+BUILT = FIRMWARE.parent / "build" / "avr"
+PACKAGES = "gcc-avr avr-libc make libsimavr-dev"
+
+
+class ProgramError(RuntimeError):
+    """The boards' programs cannot be built or run here."""
+
+
+class Programs(NamedTuple):
+    """The two boards' ELF files."""
+
+    drive: Path
+    sensor: Path
+
+
+@functools.cache
+def programs() -> Programs:
+    """Both programs, up to date. Raises ProgramError with the first complaint."""
+    if shutil.which("avr-gcc") is None or shutil.which("make") is None:
+        raise ProgramError(f"no avr-gcc or no make here (Debian/Ubuntu: apt-get install {PACKAGES})")
+    made = subprocess.run(["make", "-C", str(FIRMWARE), "avr"], capture_output=True, text=True, check=False)
+    if made.returncode != 0:
+        complaint = next((line for line in made.stderr.splitlines() if "error" in line), made.stderr.strip())
+        raise ProgramError(f"the boards' programs do not build: {complaint}")
+    return Programs(BUILT / "drive.elf", BUILT / "sensor.elf")
+
+
+def simulator() -> Native:
+    """The virtual robot's library with both boards under simavr in it. Raises ProgramError."""
+    try:
+        return native((*FOLDERS, "virtual/avr"))
+    except (CompilerError, OSError) as error:
+        raise ProgramError(f"simavr is needed (Debian/Ubuntu: apt-get install {PACKAGES}): {error}") from error

@@ -1,0 +1,240 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "robot.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MS_CYCLES (MICROCONTROLLER_HZ / 1000)
+#define US_CYCLES (MICROCONTROLLER_HZ / 1000000)
+#define SENSOR_BOOT_MS 12       /* the sensor board wakes so much later */
+#define SENSOR_LAG ((uint64_t)SENSOR_BOOT_MS * MS_CYCLES)
+#define INFRARED_SWEEPS 3       /* readings of one measurement of a GP2D12 */
+#define COUNT_VOLTS (5.0 / 1023.0)
+#define DIVIDER 8.0
+#define HALL_MIDDLE 2.5
+#define HALL_VOLTS 0.1          /* per A */
+#define SENSE_VOLTS 0.8294      /* per A */
+#define METRES_PER_TICK (2.0 * 3.141592653589793 * BODY_WHEEL_RADIUS / BODY_TICKS_PER_TURN)
+#define ECHO_RISE_US 100        /* after the trigger */
+#define ECHO_GIVE_UP_US 36000   /* a module without echo */
+
+enum { GYRO, FORWARD, UPWARD, BATTERY, CURRENT, CHARGER, LEFT_MOTOR, RIGHT_MOTOR };
+enum { DRIVE, SENSOR };
+
+static const struct {
+    char port;
+    int bit;
+} ECHO_PINS[4] = {{'D', 6}, {'D', 2}, {'D', 3}, {'B', 2}};
+
+static double volts_of_count(uint16_t count)
+{
+    return (count + 0.3) * COUNT_VOLTS; /* whole mV on both sides of it are the same count */
+}
+
+static double drive_voltage(struct avr_robot *robot, int channel)
+{
+    const struct body *body = &robot->body;
+    uint16_t gyro;
+    switch (channel) {
+    case GYRO:
+        inertial_read(&robot->inertial, body, &gyro, &robot->accelerometer);
+        return volts_of_count(gyro);
+    case FORWARD:
+        return volts_of_count(robot->accelerometer);
+    case BATTERY:
+        return body->battery.volts / DIVIDER;
+    case CURRENT:
+        return HALL_MIDDLE + HALL_VOLTS * body->battery.amperes;
+    case CHARGER:
+        return robot->charger_volts / DIVIDER;
+    case LEFT_MOTOR:
+        return SENSE_VOLTS * fabs(body->motor_amperes[0]);
+    case RIGHT_MOTOR:
+        return SENSE_VOLTS * fabs(body->motor_amperes[1]);
+    default:
+        return 0.0;
+    }
+}
+
+static void on_drive_convert(void *owner, int channel)
+{
+    struct avr_robot *robot = owner;
+    microcontroller_voltage(robot->drive, channel, drive_voltage(robot, channel));
+}
+
+static struct place place_of(const struct avr_robot *robot)
+{
+    const struct body *body = &robot->body;
+    const struct place place = {body->x, body->y, body->heading, body->tilt};
+    return place;
+}
+
+/* A GP2D12 holds its output while it measures again. */
+static void on_sensor_convert(void *owner, int channel)
+{
+    struct avr_robot *robot = owner;
+    if (channel == 0 && robot->infrared_sweeps++ % INFRARED_SWEEPS == 0) {
+        const struct place place = place_of(robot);
+        infrared_look(&robot->rangefinders, &place, robot->infrared_distances);
+    }
+    const uint16_t counts = infrared_read(&robot->rangefinders, robot->infrared_distances[channel]);
+    microcontroller_voltage(robot->sensor, channel, volts_of_count(counts));
+}
+
+static void on_drive_pin(void *owner, char port, int bit, bool level)
+{
+    struct avr_robot *robot = owner;
+    if (port != 'C' || bit != 7 || robot->grant_count == AVR_ROBOT_EDGES)
+        return;
+    const struct grant_edge edge = {microcontroller_cycle(robot->drive), level};
+    robot->grants[robot->grant_count++] = edge;
+}
+
+/* A trigger's rising edge: four modules burst, and their lines fall when they hear, or have waited long enough. */
+static void on_sensor_pin(void *owner, char port, int bit, bool level)
+{
+    struct avr_robot *robot = owner;
+    if (port != 'B' || bit > 1 || !level)
+        return;
+    double ranges[SENSOR_COUNT];
+    const struct place place = place_of(robot);
+    sonar_ping(&robot->rangefinders, &place, bit == 0 ? 0x55 : 0xAA, ranges);
+    for (int line = 0; line < 4; line++) {
+        const double range = ranges[2 * line + bit];
+        const double echo_us = range == INFINITY ? ECHO_GIVE_UP_US : 2e6 * range / SOUND_SPEED;
+        const uint64_t cycles = (uint64_t)(echo_us * US_CYCLES);
+        microcontroller_pin_later(robot->sensor, ECHO_PINS[line].port, ECHO_PINS[line].bit, true,
+                                  ECHO_RISE_US * US_CYCLES);
+        microcontroller_pin_later(robot->sensor, ECHO_PINS[line].port, ECHO_PINS[line].bit, false, cycles);
+    }
+}
+
+struct avr_robot *avr_robot_new(const char *drive_elf, const char *sensor_elf, const struct caster *walls,
+                                const double pose[3], uint64_t seed)
+{
+    struct avr_robot *robot = calloc(1, sizeof *robot);
+    if (!robot)
+        return NULL;
+    const struct wiring drive = {robot, on_drive_convert, on_drive_pin};
+    const struct wiring sensor = {robot, on_sensor_convert, on_sensor_pin};
+    body_init(&robot->body, walls, seed);
+    robot->body.x = pose[0];
+    robot->body.y = pose[1];
+    robot->body.heading = pose[2];
+    robot->body.is_held = true;
+    inertial_init(&robot->inertial, seed);
+    rangefinders_init(&robot->rangefinders, walls, seed);
+    robot->drive = microcontroller_new(drive_elf, &drive);
+    robot->sensor = microcontroller_new(sensor_elf, &sensor);
+    if (robot->drive && robot->sensor)
+        return robot;
+    avr_robot_free(robot);
+    return NULL;
+}
+
+void avr_robot_free(struct avr_robot *robot)
+{
+    if (robot->drive)
+        microcontroller_free(robot->drive);
+    if (robot->sensor)
+        microcontroller_free(robot->sensor);
+    free(robot);
+}
+
+void avr_robot_duties(const struct avr_robot *robot, double duties[2])
+{
+    const bool is_braked = microcontroller_output(robot->drive, 'C', 6);
+    for (int side = 0; side < 2; side++) {
+        const double duty = is_braked ? 0.0 : microcontroller_pwm(robot->drive, side);
+        duties[side] = microcontroller_output(robot->drive, 'C', side) ? duty : -duty;
+    }
+}
+
+/* Hands one byte to the modem and looks whether the other board was speaking. */
+static void collect_byte(struct avr_robot *robot, int board, const struct sent_byte *sent)
+{
+    for (int i = 0; i < AVR_ROBOT_RECENT; i++) {
+        const struct sent_byte *theirs = &robot->recent[1 - board][i];
+        robot->collisions += sent->start < theirs->end && theirs->start < sent->end;
+    }
+    robot->recent[board][robot->sent[board]++ % AVR_ROBOT_RECENT] = *sent;
+    if (robot->size < AVR_ROBOT_BYTES)
+        robot->bytes[robot->size++] = sent->byte;
+}
+
+/* Both boards' bytes of the last ms in the order of their time. */
+static void collect(struct avr_robot *robot)
+{
+    struct sent_byte drive[MICROCONTROLLER_SENT], sensor[MICROCONTROLLER_SENT];
+    const int32_t drives = microcontroller_take_sent(robot->drive, drive);
+    const int32_t sensors = microcontroller_take_sent(robot->sensor, sensor);
+    for (int32_t i = 0; i < sensors; i++) {
+        sensor[i].start += SENSOR_LAG;
+        sensor[i].end += SENSOR_LAG;
+    }
+    for (int32_t i = 0, j = 0; i < drives || j < sensors;) {
+        if (j == sensors || (i < drives && drive[i].start <= sensor[j].start))
+            collect_byte(robot, DRIVE, &drive[i++]);
+        else
+            collect_byte(robot, SENSOR, &sensor[j++]);
+    }
+}
+
+static void turn_wheels(struct avr_robot *robot)
+{
+    for (int side = 0; side < 2; side++) {
+        const double metres = robot->body.wheels[side] * BODY_WHEEL_RADIUS;
+        microcontroller_turn(robot->drive, side, (int64_t)floor(metres / METRES_PER_TICK));
+    }
+}
+
+static bool run_drive(struct avr_robot *robot)
+{
+    robot->grant_count = 0;
+    turn_wheels(robot);
+    return microcontroller_run(robot->drive, (robot->now_ms + 1) * MS_CYCLES);
+}
+
+static bool run_sensor(struct avr_robot *robot)
+{
+    if (robot->now_ms < SENSOR_BOOT_MS)
+        return true;
+    for (int32_t i = 0; i < robot->grant_count; i++) {
+        const struct grant_edge *edge = &robot->grants[i];
+        if (!microcontroller_run(robot->sensor, edge->cycle - SENSOR_LAG))
+            return false;
+        microcontroller_pin(robot->sensor, 'D', 7, edge->level);
+    }
+    const bool runs = microcontroller_run(robot->sensor, (robot->now_ms + 1) * MS_CYCLES - SENSOR_LAG);
+    microcontroller_pin(robot->sensor, 'D', 7, microcontroller_output(robot->drive, 'C', 7)); /* reset floats it low */
+    return runs;
+}
+
+static void move(struct avr_robot *robot)
+{
+    double duties[2];
+    avr_robot_duties(robot, duties);
+    if (!microcontroller_output(robot->drive, 'C', 6) && robot->now_ms > SENSOR_BOOT_MS)
+        robot->body.is_held = false; /* the hand lets go when the motors come on */
+    body_step(&robot->body, duties);
+}
+
+bool avr_robot_advance(struct avr_robot *robot, int32_t ms)
+{
+    robot->size = 0;
+    for (int32_t i = 0; i < ms && !robot->has_crashed; i++) {
+        robot->has_crashed = !run_drive(robot) || !run_sensor(robot);
+        collect(robot);
+        move(robot);
+        robot->now_ms++;
+    }
+    return !robot->has_crashed;
+}
+
+void avr_robot_receive(struct avr_robot *robot, const uint8_t *bytes, int32_t count)
+{
+    microcontroller_receive(robot->drive, bytes, count);
+    if (robot->now_ms >= SENSOR_BOOT_MS)
+        microcontroller_receive(robot->sensor, bytes, count);
+}

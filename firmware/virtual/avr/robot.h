@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The virtual Crunch with its real boards: two ATmega32 under simavr, wired to the same body and sensors as the host's
+ * build, and to one modem. Advanced one millisecond at a time, the drive board first, so that GRANT, the only wire
+ * between the boards, arrives in its very cycle.
+ */
+#ifndef CRUNCH_VIRTUAL_AVR_ROBOT_H
+#define CRUNCH_VIRTUAL_AVR_ROBOT_H
+
+#include "../sensors.h"
+#include "microcontroller.h"
+
+#define AVR_ROBOT_BYTES 8192
+#define AVR_ROBOT_EDGES 8  /* of GRANT in one ms */
+#define AVR_ROBOT_RECENT 8 /* bytes of each board that the other's are compared with */
+
+struct grant_edge {
+    uint64_t cycle;
+    bool level;
+};
+
+struct avr_robot {
+    uint64_t now_ms;
+    struct body body;
+    struct gyro_and_accelerometer inertial;
+    struct rangefinders rangefinders;
+    struct microcontroller *drive, *sensor;
+    double infrared_distances[SENSOR_COUNT];
+    double charger_volts;
+    uint16_t accelerometer;        /* reading that belongs to the gyro's last one */
+    uint16_t infrared_sweeps;      /* since the distances were looked at */
+    struct grant_edge grants[AVR_ROBOT_EDGES];
+    int32_t grant_count;
+    struct sent_byte recent[2][AVR_ROBOT_RECENT];
+    uint32_t sent[2];              /* bytes ever sent, drive and sensor */
+    uint32_t collisions;           /* bytes that overlapped one of the other board's */
+    bool has_crashed;
+    int32_t size;                  /* of `bytes`: what the modem took since the last advance */
+    uint8_t bytes[AVR_ROBOT_BYTES];
+};
+
+/* A robot held upright by a hand at a pose. NULL if a program cannot be read. The walls must outlive it. */
+struct avr_robot *avr_robot_new(const char *drive_elf, const char *sensor_elf, const struct caster *walls,
+                                const double pose[3], uint64_t seed);
+void avr_robot_free(struct avr_robot *robot);
+
+/* Forgets the bytes taken, then advances by `ms`, at most 1000. False once a program has crashed. */
+bool avr_robot_advance(struct avr_robot *robot, int32_t ms);
+
+/* Bytes from the host, to both boards. */
+void avr_robot_receive(struct avr_robot *robot, const uint8_t *bytes, int32_t count);
+
+/* Duties that the bridges get, -1 to 1, left and right; 0 while BRAKE is high. */
+void avr_robot_duties(const struct avr_robot *robot, double duties[2]);
+
+#endif

@@ -1,0 +1,82 @@
+"""A Crunch whose boards are real: their ATmega32 programs under simavr move the virtual body and say the bytes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from firmware.virtual.avr.programs import ProgramError, programs, simulator
+from firmware.virtual.native import native
+from firmware.virtual.worlds import World
+
+STEP_MS = 20
+
+
+class AvrCrunch:
+    """A Crunch with both boards under simavr: the bytes at its two ends are the real robot's.
+
+    A hand holds it upright at `start` until a command has armed the drive board. Same seed, same bytes. Raises
+    ProgramError where the programs cannot be built or simavr is missing.
+    """
+
+    def __init__(self, world: World, start: tuple[float, float, float] | None = None, seed: int = 0):
+        ffi, lib, _ = simulator()
+        self.ffi, self.lib, self.world = ffi, lib, world
+        walls = ffi.cast("struct caster *", int(native().ffi.cast("uintptr_t", world.caster)))  # the same C made both
+        place = ffi.new("double[3]", [float(v) for v in (world.start if start is None else start)])
+        made = lib.avr_robot_new(*(bytes(path) for path in programs()), walls, place, seed % 2**64)
+        if made == ffi.NULL:
+            raise ProgramError(f"simavr cannot read {programs().drive} or {programs().sensor}")
+        self.robot: Any = ffi.gc(made, lib.avr_robot_free)
+        self.remainder_ms = 0.0
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the boards were switched on."""
+        return self.robot.now_ms * 1e-3
+
+    @property
+    def pose(self) -> np.ndarray:
+        """True pose (3,), heading in (-pi, pi]."""
+        body = self.robot.body
+        return np.array([body.x, body.y, math.remainder(body.heading, 2.0 * math.pi)])
+
+    @property
+    def tilt(self) -> float:
+        """True lean (rad), forward positive."""
+        return self.robot.body.tilt
+
+    @property
+    def duties(self) -> tuple[float, float]:
+        """What the bridges give the left and the right motor, -1 to 1."""
+        duties = self.ffi.new("double[2]")
+        self.lib.avr_robot_duties(self.robot, duties)
+        return duties[0], duties[1]
+
+    @property
+    def collisions(self) -> int:
+        """Bytes of one board that overlapped one of the other's."""
+        return self.robot.collisions
+
+    def write(self, data: bytes) -> None:
+        """Bytes from the host; both boards hear them at the line's rate."""
+        self.lib.avr_robot_receive(self.robot, data, len(data))
+
+    def push(self, newtons: float) -> None:
+        """A hand that pushes the decks forward until told otherwise."""
+        self.robot.body.push = newtons
+
+    def advance(self, seconds: float) -> bytes:
+        """Lets simulated time pass; returns the bytes that both boards sent meanwhile. Raises ProgramError on a crash."""
+        if not seconds >= 0.0:
+            raise ValueError(f"cannot advance by {seconds} s: time does not run backwards")
+        self.remainder_ms += seconds * 1000.0
+        parts = []
+        while (ms := min(STEP_MS, int(self.remainder_ms + 1e-6))) > 0:
+            self.remainder_ms -= ms
+            if not self.lib.avr_robot_advance(self.robot, ms):
+                raise ProgramError(f"a board's program has crashed at {self.time:.3f} s")
+            parts.append(bytes(self.ffi.buffer(self.robot.bytes, self.robot.size)))
+        return b"".join(parts)
