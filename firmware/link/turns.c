@@ -16,7 +16,7 @@ bool turns_step(struct turns *turns, bool is_sending)
 {
     if (turns->ms < UINT8_MAX)
         turns->ms++;
-    if (turns->phase == TURNS_LISTENING && turns->ms > TURNS_LISTEN_MS)
+    if (turns->phase == TURNS_LISTENING && turns->ms >= TURNS_LISTEN_MS)
         enter(turns, TURNS_OWN);
     else if (turns->phase == TURNS_OWN && turns->ms >= TURNS_OWN_MS && !is_sending)
         enter(turns, TURNS_GRANTING);

@@ -14,6 +14,7 @@ static struct outbox outbox;
 static uint8_t outbox_bytes[OUTBOX_BYTES];
 static struct permit permit;
 static uint32_t fired_ms;
+static bool is_reading; /* the infra-red sensors */
 
 _Static_assert(TURNS_GRANTED_BYTES == FRAME_HEADER + sizeof(struct sonar_payload) + FRAME_CHECK + 2, "longest told here");
 _Static_assert(sizeof(struct sonar_payload) >= sizeof(struct infrared_payload), "longest told here");
@@ -45,8 +46,10 @@ static void work_one_ms(void)
         board_fire(work.fire);
         fired_ms = loop.teller.uptime_ms;
     }
-    if (work.is_infrared_due)
+    if (work.is_infrared_due && !is_reading) { /* a reading may take until the next ms, and is then due still */
         board_start_infrared();
+        is_reading = true;
+    }
 }
 
 static void take_infrared(void)
@@ -54,6 +57,7 @@ static void take_infrared(void)
     uint16_t counts[INFRARED_COUNT];
     if (!board_infrared(counts))
         return;
+    is_reading = false;
     sensor_loop_infrared(&loop, counts);
     board_pet(loop.teller.worst_loop_us);
 }

@@ -1,0 +1,18 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The host's side: many steps at once, each as its length and its bytes. */
+#include "parity.h"
+
+uint32_t parity_run(uint32_t seed, uint32_t steps, uint8_t *out);
+
+uint32_t parity_run(uint32_t seed, uint32_t steps, uint8_t *out)
+{
+    struct parity parity;
+    uint32_t size = 0;
+    parity_init(&parity, seed);
+    for (uint32_t i = 0; i < steps; i++) {
+        out[size] = parity_step(&parity, out + size + 1);
+        size += out[size] + 1u;
+    }
+    return size;
+}
