@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * All eight ADC inputs (PA0 to PA7), 10 bits against AVCC, 104 us each. Every conversion is started in software and read
- * before the multiplexer moves on. So many sweeps are summed into one result.
+ * All eight ADC inputs (PA0 to PA7), 10 bits against AVCC, 104 us each. Every conversion is started in software and
+ * read before the multiplexer moves on. So many sweeps are summed into one result.
  */
 #ifndef CRUNCH_AVR_ADC_H
 #define CRUNCH_AVR_ADC_H

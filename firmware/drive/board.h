@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * What the drive board's main loop needs of its hardware; avr/drive_board.c has it. Other parts (an IMU over TWI in place
- * of the analogue gyro, say) are other files behind this header.
+ * What the drive board's main loop needs of its hardware; avr/drive_board.c has it. Other parts (an IMU over TWI in
+ * place of the analogue gyro, say) are other files behind this header.
  */
 #ifndef CRUNCH_DRIVE_BOARD_H
 #define CRUNCH_DRIVE_BOARD_H

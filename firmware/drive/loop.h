@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The drive board's main loop without its hardware: from what was sampled to duties and frames, 200 times a second. Pure:
- * no registers, no globals; the host's build gives the same bits. Who calls it keeps the time: `teller.uptime_ms` is the
- * board's clock and must be right before each call.
+ * The drive board's main loop without its hardware: from what was sampled to duties and frames, 200 times a second.
+ * Pure: no registers, no globals; the host's build gives the same bits. Who calls it keeps the time:
+ * `teller.uptime_ms` is the board's clock and must be right before each call.
  */
 #ifndef CRUNCH_DRIVE_LOOP_H
 #define CRUNCH_DRIVE_LOOP_H

@@ -2,9 +2,9 @@
  *
  * Battery, charger and motors in mV and mA, from the drive board's ADC. Pure, in whole numbers.
  *
- * The voltages come over dividers of 1:8, so that 10 bits cover 40 V. The battery's current is a Hall sensor's: 2.5 V at
- * rest, 100 mV per A, positive out of the battery. The bridges' sense outputs (377 uA per A into 2.2 kohm) tell a motor's
- * current without its sign, which is taken to be the duty's.
+ * The voltages come over dividers of 1:8, so that 10 bits cover 40 V. The battery's current is a Hall sensor's: 2.5 V
+ * at rest, 100 mV per A, positive out of the battery. The bridges' sense outputs (377 uA per A into 2.2 kohm) tell a
+ * motor's current without its sign, which is taken to be the duty's.
  */
 #ifndef CRUNCH_DRIVE_POWER_H
 #define CRUNCH_DRIVE_POWER_H

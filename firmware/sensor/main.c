@@ -16,7 +16,7 @@ static struct permit permit;
 static uint32_t fired_ms;
 static bool is_reading; /* the infra-red sensors */
 
-_Static_assert(TURNS_GRANTED_BYTES == FRAME_HEADER + sizeof(struct sonar_payload) + FRAME_CHECK + 2, "longest told here");
+_Static_assert(TURNS_GRANTED_BYTES == FRAME_HEADER + sizeof(struct sonar_payload) + FRAME_CHECK + 2, "longest");
 _Static_assert(sizeof(struct sonar_payload) >= sizeof(struct infrared_payload), "longest told here");
 _Static_assert(sizeof(struct sonar_payload) >= sizeof(struct status_payload), "longest told here");
 

@@ -3,6 +3,7 @@
 import os
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cffi import FFI
@@ -24,7 +25,8 @@ def said_here(seed: int, folder: Path) -> bytes:
     ffi = FFI()
     ffi.cdef("uint32_t parity_run(uint32_t seed, uint32_t steps, uint8_t *out);")
     out = ffi.new("uint8_t[]", STEPS * MAX_STEP)
-    size = ffi.dlopen(str(library)).parity_run(seed, STEPS, out)
+    parity: Any = ffi.dlopen(str(library))
+    size = parity.parity_run(seed, STEPS, out)
     return bytes(ffi.buffer(out, size))
 
 

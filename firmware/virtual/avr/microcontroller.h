@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * One ATmega32 at 16 MHz that runs a real program under simavr 1.6: voltages, pins, encoders and a serial line, in plain
- * numbers. Nothing of simavr's own structures shows here. Where simavr differs from silicon, this makes it right:
+ * One ATmega32 at 16 MHz that runs a real program under simavr 1.6: voltages, pins, encoders and a serial line, in
+ * plain numbers. Nothing of simavr's own structures shows here. Where simavr differs from silicon, this makes it
+ * right:
  *
  *  1. it takes UBRRH and UCSRC, one address, for each other: the time per byte is set from UBRRL before every run;
  *  2. and 3. Timer0 knows Normal mode only, Timer1 not all modes: the programs use Timer2's CTC and Timer1's mode 14;

@@ -69,7 +69,7 @@ class AvrCrunch:
         self.robot.body.push = newtons
 
     def advance(self, seconds: float) -> bytes:
-        """Lets simulated time pass; returns the bytes that both boards sent meanwhile. Raises ProgramError on a crash."""
+        """Lets simulated time pass; returns what both boards sent meanwhile. Raises ProgramError on a crash."""
         if not seconds >= 0.0:
             raise ValueError(f"cannot advance by {seconds} s: time does not run backwards")
         self.remainder_ms += seconds * 1000.0
