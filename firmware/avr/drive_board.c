@@ -18,6 +18,7 @@
 #include "../drive/board.h"
 
 #include "adc.h"
+#include "eeprom.h"
 #include "encoders.h"
 #include "pwm.h"
 #include "ticks.h"
@@ -54,6 +55,11 @@ struct boot board_init(void)
         .worst_loop_us = last_words->worst_loop_us,
     };
     return boot;
+}
+
+bool board_load_gains(struct balance_gains *gains)
+{
+    return eeprom_load(gains, sizeof *gains);
 }
 
 uint32_t board_ms(void)

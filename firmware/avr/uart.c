@@ -31,6 +31,7 @@ ISR(USART_RXC_vect)
 
 ISR(USART_UDRE_vect)
 {
+    UCSRA = _BV(TXC); /* of a byte before: TXC is to tell of this one */
     UDR = sent[sent_next++];
     if (sent_next == sent_size)
         UCSRB &= (uint8_t)~_BV(UDRIE);

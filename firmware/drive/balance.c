@@ -34,6 +34,12 @@ static float toward(float value, float wanted, float step)
 
 void balance_init(struct balance *balance)
 {
+    balance->gains = BALANCE_GAINS;
+    balance_rest(balance);
+}
+
+void balance_rest(struct balance *balance)
+{
     balance->wanted_speed = balance->wanted_turn = 0.0f;
     balance->ahead = balance->heading_ahead = 0.0f;
     balance->soft_start = 0.0f;
@@ -60,7 +66,7 @@ static float duty_limit(struct balance *balance)
 struct duties balance_step(struct balance *balance, const struct lean *lean, const struct rolled *rolled,
                            const struct drive_wish *wish, float battery)
 {
-    const struct balance_gains *gains = &BALANCE_GAINS;
+    const struct balance_gains *gains = &balance->gains;
     follow_wish(balance, rolled, wish);
     /* Fore and aft the sum is positive: to stop rolling forward the wheels first hurry ahead of the body's lean. */
     const float upright = gains->tilt * lean->tilt + gains->tilt_rate * lean->rate +

@@ -25,6 +25,7 @@ struct balance_gains { /* duty at nominal battery voltage per unit */
 extern const struct balance_gains BALANCE_GAINS;
 
 struct balance {
+    struct balance_gains gains; /* survive balance_rest */
     float wanted_speed; /* commands after their ramps: m/s, */
     float wanted_turn;  /* rad/s */
     float ahead;        /* actual minus commanded position, m */
@@ -47,8 +48,11 @@ struct duties { /* -1 to 1 of the battery's voltage */
     float right;
 };
 
-/* Stands at the present place with the motors off. */
+/* Stands at the present place with the motors off, with BALANCE_GAINS. */
 void balance_init(struct balance *balance);
+
+/* The same, with the gains it has. */
+void balance_rest(struct balance *balance);
 
 /* One step of 5 ms. `battery` is volts; the gains grow as it sags. */
 struct duties balance_step(struct balance *balance, const struct lean *lean, const struct rolled *rolled,

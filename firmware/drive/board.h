@@ -11,6 +11,9 @@
 /* All hardware on, motors off, interrupts enabled; returns what the status frame says about this start. */
 struct boot board_init(void);
 
+/* The gains that somebody has stored; false where there are none, or their checksum is wrong. */
+bool board_load_gains(struct balance_gains *gains);
+
 uint32_t board_ms(void);
 uint16_t board_us(void); /* wraps at 65536 */
 

@@ -117,7 +117,7 @@ static struct drive_health health_of(const struct drive_loop *loop, const struct
 
 static void motors_off(struct drive_loop *loop)
 {
-    balance_init(&loop->balance);
+    balance_rest(&loop->balance);
     loop->duties.left = loop->duties.right = 0.0f;
 }
 

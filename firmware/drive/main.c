@@ -50,11 +50,19 @@ static void share_line(void)
         board_send(frame, size);
 }
 
+static void take_stored_gains(void)
+{
+    struct balance_gains gains;
+    if (board_load_gains(&gains))
+        loop.balance.gains = gains;
+}
+
 int main(void)
 {
     const struct boot boot = board_init();
     outbox_init(&outbox, outbox_bytes, OUTBOX_BYTES);
     drive_loop_init(&loop, &boot, &outbox);
+    take_stored_gains();
     turns_init(&turns);
     for (;;) {
         const uint32_t now_ms = board_ms();
