@@ -1,10 +1,12 @@
 """What the tests of the real boards need: a compiler for them, simavr, and a microcontroller that runs one program."""
 
 import shutil
+import subprocess
 from functools import cache
 from pathlib import Path
 
 from firmware.virtual.avr.programs import Programs, programs, simulator
+from firmware.virtual.native import WARNINGS
 from tests.tools import miss
 
 MS_CYCLES = 16000
@@ -23,6 +25,14 @@ def built() -> Programs:
     """Both programs, built."""
     need_simavr()
     return programs()
+
+
+def compiled(elf: Path, sources: list[Path], *flags: str) -> Path:
+    """A test's own program for the ATmega32, of its sources and the firmware's."""
+    need_simavr()
+    fixed = ["-mmcu=atmega32", "-DF_CPU=16000000UL", "-std=gnu11", "-Os", *WARNINGS]
+    subprocess.run(["avr-gcc", *fixed, *flags, "-o", str(elf), *map(str, sources)], check=True)
+    return elf
 
 
 class Microcontroller:

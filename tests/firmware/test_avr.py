@@ -5,14 +5,15 @@ import struct
 import subprocess
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware.virtual.avr import AvrCrunch
-from firmware.virtual.native import FIRMWARE
+from firmware.virtual.native import FIRMWARE, FLAGS, WARNINGS, compiler
 from server.link import Decoder
-from tests.firmware.avr_tools import Microcontroller, built, need_simavr
+from tests.firmware.avr_tools import Microcontroller, built, compiled, need_simavr
 from tests.firmware.virtual_wire import (
     BALANCE,
     DRIVE,
@@ -198,6 +199,22 @@ def test_a_receiver_that_nobody_reads_loses_the_third_byte():
     board.lib.microcontroller_receive(board.mcu, b"abcde", 5)
     board.run_ms(5)
     assert board.lib.microcontroller_overruns(board.mcu) == 3
+
+
+def test_a_record_in_the_eeprom_is_sound_or_none(tmp_path):
+    sources = [FIRMWARE / name for name in ("avr/eeprom.c", "avr/watchdog.c", "link/crc.c")]
+    program = Path(__file__).parent / "programs" / "eeprom.c"
+    said = Microcontroller(compiled(tmp_path / "eeprom.elf", [program, *sources])).run_ms(1500)
+    assert list(said) == [False, True, False, False, 1, 0, 255, 3, 9]
+
+
+@pytest.mark.parametrize("name", ["microcontroller.c", "robot.c"])
+def test_the_simulator_compiles_without_warnings(name, tmp_path):
+    need_simavr()
+    flags = [flag for flag in FLAGS if flag != "-shared"]
+    command = [compiler(), *flags, *WARNINGS, "-c", str(FIRMWARE / "virtual" / "avr" / name)]
+    result = subprocess.run([*command, "-o", str(tmp_path / "object")], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
 
 
 def test_a_byte_takes_as_long_as_at_38400_baud():

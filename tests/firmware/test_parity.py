@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from cffi import FFI
 
-from firmware.virtual.native import FIRMWARE, FLAGS, WARNINGS, compiler, files
-from tests.firmware.avr_tools import Microcontroller, need_simavr
+from firmware.virtual.native import FLAGS, WARNINGS, compiler, files
+from tests.firmware.avr_tools import Microcontroller, compiled, need_simavr
 
 HERE = Path(__file__).parent / "parity"
 PURE = files(("link", "drive"), "*.c")
@@ -33,10 +33,8 @@ def said_here(seed: int, folder: Path) -> bytes:
 def said_by_board(seed: int, folder: Path, size: int) -> bytes:
     """As many bytes from the microcontroller."""
     elf = folder / "parity.elf"
-    flags = ["-mmcu=atmega32", f"-DSEED={seed}UL", "-std=gnu11", "-Os", *WARNINGS, f"-I{FIRMWARE}"]
-    sources = [*PURE, HERE / "parity.c", HERE / "avr.c"]
-    subprocess.run(["avr-gcc", *flags, "-o", str(elf), *map(str, sources)], check=True)
-    board, said = Microcontroller(elf), b""
+    sources = [*PURE, HERE / "parity.c", HERE.parent / "programs" / "parity.c"]
+    board, said = Microcontroller(compiled(elf, sources, f"-DSEED={seed}UL")), b""
     while len(said) < size:
         more = board.run_ms(100)
         assert more, "the board is silent"

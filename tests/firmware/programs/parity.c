@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * The ATmega32's side: the same, told on the serial line as fast as it goes, for ever. */
-#include "parity.h"
+#include "../parity/parity.h"
 
 #include <avr/io.h>
 
