@@ -83,6 +83,16 @@ def command_lines(path: Path) -> Iterator[tuple[int, str]]:
         yield from ((number, code) for code in re.findall(r"`(crunch [^`]+|make [^`]+)`", line))
 
 
+def wrong_make(words: list[str]) -> str:
+    """What is wrong with the words after `make`, or nothing; `-C` leads to another folder's Makefile."""
+    folder = ROOT
+    if words[:1] == ["-C"]:
+        folder, words = ROOT / words[1], words[2:]
+    targets = set(re.findall(r"^([a-z]+):", (folder / "Makefile").read_text(), re.MULTILINE))
+    unknown = [word for word in words if "=" not in word and not word.startswith("-") and word not in targets]
+    return f"make has no target {unknown[0]}" if unknown else ""
+
+
 def wrong_commands(path: Path) -> Iterator[str]:
     """Commands, flags and make targets that do not exist."""
     for number, line in command_lines(path):
@@ -91,11 +101,7 @@ def wrong_commands(path: Path) -> Iterator[str]:
         if words[:1] == ["crunch"]:
             problem = wrong_crunch(words[1:])
         elif words[:1] == ["make"]:
-            targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-            unknown = [
-                word for word in words[1:] if "=" not in word and not word.startswith("-") and word not in targets
-            ]
-            problem = f"make has no target {unknown[0]}" if unknown else ""
+            problem = wrong_make(words[1:])
         if problem:
             yield f"{path.relative_to(ROOT)}:{number}: {problem}"
 
