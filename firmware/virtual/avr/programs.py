@@ -1,10 +1,12 @@
 """The boards' programs, built by firmware/Makefile on first use, and the library that runs them under simavr.
 
-Needs avr-gcc and simavr's headers (Debian/Ubuntu: gcc-avr, avr-libc, libsimavr-dev, make); without them ProgramError.
+Needs a checkout, make, avr-gcc and simavr's headers (Debian/Ubuntu: gcc-avr, avr-libc, libsimavr-dev, make); without
+them ProgramError.
 """
 
 from __future__ import annotations
 
+import fcntl
 import functools
 import shutil
 import subprocess
@@ -33,7 +35,12 @@ def programs() -> Programs:
     """Both programs, up to date. Raises ProgramError with the first complaint."""
     if shutil.which("avr-gcc") is None or shutil.which("make") is None:
         raise ProgramError(f"no avr-gcc or no make here (Debian/Ubuntu: apt-get install {PACKAGES})")
-    made = subprocess.run(["make", "-C", str(FIRMWARE), "avr"], capture_output=True, text=True, check=False)
+    if not (FIRMWARE / "Makefile").exists():
+        raise ProgramError(f"{FIRMWARE} has no Makefile: the boards' programs are built in a checkout")
+    BUILT.mkdir(parents=True, exist_ok=True)
+    with (BUILT / ".lock").open("w") as lock:  # held by one process at a time, until it is closed
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        made = subprocess.run(["make", "-C", str(FIRMWARE), "avr"], capture_output=True, text=True, check=False)
     if made.returncode != 0:
         complaint = next((line for line in made.stderr.splitlines() if "error" in line), made.stderr.strip())
         raise ProgramError(f"the boards' programs do not build: {complaint}")

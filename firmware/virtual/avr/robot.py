@@ -9,6 +9,7 @@ import numpy as np
 
 from firmware.virtual.avr.programs import ProgramError, programs, simulator
 from firmware.virtual.native import native
+from firmware.virtual.robot import DRIFTS, Drift
 from firmware.virtual.worlds import World
 
 STEP_MS = 20
@@ -17,19 +18,27 @@ STEP_MS = 20
 class AvrCrunch:
     """A Crunch with both boards under simavr: the bytes at its two ends are the real robot's.
 
-    A hand holds it upright at `start` until a command has armed the drive board. Same seed, same bytes. Raises
-    ProgramError where the programs cannot be built or simavr is missing.
+    A hand holds it upright at `start` until a command has armed the drive board. `drift` names how wheels and floor
+    differ. Same seed, same bytes. Raises ProgramError where the programs cannot be built or simavr is missing.
     """
 
-    def __init__(self, world: World, start: tuple[float, float, float] | None = None, seed: int = 0):
+    def __init__(
+        self,
+        world: World,
+        start: tuple[float, float, float] | None = None,
+        seed: int = 0,
+        drift: Drift = "medium",
+    ):
+        paths = programs()
         ffi, lib, _ = simulator()
         self.ffi, self.lib, self.world = ffi, lib, world
         walls = ffi.cast("struct caster *", int(native().ffi.cast("uintptr_t", world.caster)))  # the same C made both
         place = ffi.new("double[3]", [float(v) for v in (world.start if start is None else start)])
-        made = lib.avr_robot_new(*(bytes(path) for path in programs()), walls, place, seed % 2**64)
+        made = lib.avr_robot_new(*(bytes(path) for path in paths), walls, place, seed % 2**64)
         if made == ffi.NULL:
-            raise ProgramError(f"simavr cannot read {programs().drive} or {programs().sensor}")
+            raise ProgramError(f"simavr cannot read {paths.drive} or {paths.sensor}")
         self.robot: Any = ffi.gc(made, lib.avr_robot_free)
+        lib.body_set_slip(ffi.addressof(self.robot, "body"), *DRIFTS[drift])
         self.remainder_ms = 0.0
 
     @property
