@@ -1,7 +1,6 @@
 """The real boards: programs that fit, and under simavr stand, drive, tell, share one line, and survive a hang."""
 
 import re
-import struct
 import subprocess
 from collections import Counter
 from itertools import pairwise
@@ -10,75 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware.virtual.avr import AvrCrunch
 from firmware.virtual.native import FIRMWARE, FLAGS, WARNINGS, compiler
 from server.link import Decoder
+from tests.firmware.avr_robot import RAM, Driven
 from tests.firmware.avr_tools import Microcontroller, built, compiled, need_simavr
 from tests.firmware.virtual_wire import (
     BALANCE,
     DRIVE,
     INFRARED,
-    LAYOUTS,
     ODOMETRY,
     POWER,
     SENSOR,
     SONAR,
     STATUS,
-    arm_command,
-    drive_command,
     frames,
-    newest_time,
     payloads,
-    room,
     stop_command,
 )
 
-RAM = 2048
-STEP = 0.02
-ARMED, LINK_LOST = 1, 3
 WATCHDOG_RESET = 8
-
-
-class Driven:
-    """A robot in a room, what it said so far, and how it moved."""
-
-    def __init__(self, width=4.0, start=(0.0, 0.0, 0.0), seed=1):
-        need_simavr()
-        self.robot = AvrCrunch(room(width, 4.0), start, seed)
-        self.said = b""
-        self.leans, self.poses = [], []
-        self.commands = 0
-
-    def wait(self, seconds):
-        for _ in range(round(seconds / STEP)):
-            self.said += self.robot.advance(STEP)
-            self.leans.append(abs(self.robot.tilt))
-            self.poses.append(self.robot.pose)
-
-    def stand(self):
-        """Held by a hand until the board arms; motion counts from then on."""
-        self.wait(0.1)
-        self.robot.write(arm_command(1, newest_time(self.said)))
-        self.wait(2.0)
-        assert payloads(self.said, BALANCE)[-1][4] in (ARMED, LINK_LOST)
-        self.leans.clear()
-        self.poses.clear()
-        return self
-
-    def drive(self, seconds, speed, turn=0.0):
-        for _ in range(round(seconds * 10)):
-            self.commands += 1
-            self.robot.write(drive_command(speed, turn, newest_time(self.said), self.commands))
-            self.wait(0.1)
-
-    def status(self, source):
-        """Fields of the newest status frame of one board."""
-        told = [frame for frame in frames(self.said) if (frame.source, frame.channel) == (source, STATUS)]
-        return struct.unpack(LAYOUTS[STATUS], told[-1].payload)
-
-    def ram_used(self, name):
-        board = getattr(self.robot.robot, name)
-        return RAM - self.robot.lib.microcontroller_untouched(board)
 
 
 def test_both_programs_build_without_a_warning_and_fit(tmp_path):

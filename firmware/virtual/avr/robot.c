@@ -60,7 +60,9 @@ static double drive_voltage(struct avr_robot *robot, int channel)
 static void on_drive_convert(void *owner, int channel)
 {
     struct avr_robot *robot = owner;
-    microcontroller_voltage(robot->drive, channel, drive_voltage(robot, channel));
+    const double true_volts = drive_voltage(robot, channel);
+    const bool is_forced = robot->forced >> channel & 1;
+    microcontroller_voltage(robot->drive, channel, is_forced ? robot->forced_volts[channel] : true_volts);
 }
 
 static struct place place_of(const struct avr_robot *robot)

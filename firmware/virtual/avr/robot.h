@@ -27,6 +27,8 @@ struct avr_robot {
     struct microcontroller *drive, *sensor;
     double infrared_distances[SENSOR_COUNT];
     double charger_volts;
+    uint8_t forced;                /* set of the drive board's ADC inputs that show these volts, whatever is */
+    double forced_volts[8];
     uint16_t accelerometer;        /* reading that belongs to the gyro's last one */
     uint16_t infrared_sweeps;      /* since the distances were looked at */
     struct grant_edge grants[AVR_ROBOT_EDGES];

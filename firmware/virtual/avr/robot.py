@@ -65,6 +65,11 @@ class AvrCrunch:
         return duties[0], duties[1]
 
     @property
+    def is_off(self) -> bool:
+        """Whether the drive board holds BRAKE high, so that the motors have no current."""
+        return self.lib.microcontroller_output(self.robot.drive, b"C", 6)
+
+    @property
     def collisions(self) -> int:
         """Bytes of one board that overlapped one of the other's."""
         return self.robot.collisions
@@ -72,6 +77,11 @@ class AvrCrunch:
     def write(self, data: bytes) -> None:
         """Bytes from the host; both boards hear them at the line's rate."""
         self.lib.avr_robot_receive(self.robot, data, len(data))
+
+    def force(self, channel: int, volts: float) -> None:
+        """A fault: one of the drive board's ADC inputs shows these volts from now on."""
+        self.robot.forced |= 1 << channel
+        self.robot.forced_volts[channel] = volts
 
     def push(self, newtons: float) -> None:
         """A hand that pushes the decks forward until told otherwise."""
