@@ -9,6 +9,8 @@
 #define US_CYCLES (MICROCONTROLLER_HZ / 1000000)
 #define SENSOR_BOOT_MS 12       /* the sensor board wakes so much later */
 #define SENSOR_LAG ((uint64_t)SENSOR_BOOT_MS * MS_CYCLES)
+#define SENSOR_FAST_PPM 100u    /* by so much its crystal is faster: in 10 s the boards' ticks meet in every phase */
+#define MILLION 1000000u
 #define INFRARED_SWEEPS 3       /* readings of one measurement of a GP2D12 */
 #define COUNT_VOLTS (5.0 / 1023.0)
 #define DIVIDER 8.0
@@ -26,6 +28,17 @@ static const struct {
     char port;
     int bit;
 } ECHO_PINS[4] = {{'D', 6}, {'D', 2}, {'D', 3}, {'B', 2}};
+
+/* The sensor board's cycle at a time in cycles of the drive board, and the other way round. */
+static uint64_t sensor_cycle(uint64_t cycle)
+{
+    return (cycle - SENSOR_LAG) * (MILLION + SENSOR_FAST_PPM) / MILLION;
+}
+
+static uint64_t cycle_of_sensor(uint64_t cycle)
+{
+    return cycle * MILLION / (MILLION + SENSOR_FAST_PPM) + SENSOR_LAG;
+}
 
 static double volts_of_count(uint16_t count)
 {
@@ -172,8 +185,8 @@ static void collect(struct avr_robot *robot)
     const int32_t drives = microcontroller_take_sent(robot->drive, drive);
     const int32_t sensors = microcontroller_take_sent(robot->sensor, sensor);
     for (int32_t i = 0; i < sensors; i++) {
-        sensor[i].start += SENSOR_LAG;
-        sensor[i].end += SENSOR_LAG;
+        sensor[i].start = cycle_of_sensor(sensor[i].start);
+        sensor[i].end = cycle_of_sensor(sensor[i].end);
     }
     for (int32_t i = 0, j = 0; i < drives || j < sensors;) {
         if (j == sensors || (i < drives && drive[i].start <= sensor[j].start))
@@ -204,11 +217,11 @@ static bool run_sensor(struct avr_robot *robot)
         return true;
     for (int32_t i = 0; i < robot->grant_count; i++) {
         const struct grant_edge *edge = &robot->grants[i];
-        if (!microcontroller_run(robot->sensor, edge->cycle - SENSOR_LAG))
+        if (!microcontroller_run(robot->sensor, sensor_cycle(edge->cycle)))
             return false;
         microcontroller_pin(robot->sensor, 'D', 7, edge->level);
     }
-    const bool runs = microcontroller_run(robot->sensor, (robot->now_ms + 1) * MS_CYCLES - SENSOR_LAG);
+    const bool runs = microcontroller_run(robot->sensor, sensor_cycle((robot->now_ms + 1) * MS_CYCLES));
     microcontroller_pin(robot->sensor, 'D', 7, microcontroller_output(robot->drive, 'C', 7)); /* reset floats it low */
     return runs;
 }
