@@ -13,7 +13,7 @@ struct stored {
     uint16_t crc;
 };
 
-#define AT ((struct stored *)0)
+#define AT ((uint8_t *)4) /* cells at the start are the first that a dip of the supply spoils */
 
 static uint16_t crc_of(const struct stored *stored)
 {
@@ -42,7 +42,7 @@ void eeprom_store(const void *record, uint8_t size)
     stored.crc = crc_of(&stored);
     const uint8_t *bytes = (const uint8_t *)&stored;
     for (uint8_t i = 0; i < sizeof stored; i++) {
-        eeprom_update_byte((uint8_t *)AT + i, bytes[i]);
+        eeprom_update_byte(AT + i, bytes[i]);
         watchdog_pet();
     }
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * One record of at most 64 bytes at the start of the EEPROM: its length, its bytes, and a CRC-16 over both. An erased or
+ * One record of at most 64 bytes near the start of the EEPROM: its length, its bytes, and a CRC-16 over both. An erased or
  * half-written record is none.
  */
 #ifndef CRUNCH_AVR_EEPROM_H

@@ -8,7 +8,17 @@ import sys
 import pytest
 
 from firmware.virtual import native as module
-from firmware.virtual.native import FLAGS, WARNINGS, CompilerError, compile_into, compiler, headers, native, sources
+from firmware.virtual.native import (
+    FIRMWARE,
+    FLAGS,
+    WARNINGS,
+    CompilerError,
+    compile_into,
+    compiler,
+    headers,
+    native,
+    sources,
+)
 from tests.tools import miss
 
 PURE = ("link", "drive", "sensor")
@@ -37,6 +47,19 @@ def test_firmware_compiles_for_the_microcontroller(path, tmp_path):
         "-o",
         str(tmp_path / "object"),
     ]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("platform", "folders"), [("avr8", (*PURE, "avr")), ("native", ("virtual",))], ids=["boards", "simulator"]
+)
+def test_cppcheck_finds_nothing(platform, folders):
+    if shutil.which("cppcheck") is None:
+        miss("no cppcheck here")
+    checks = ["--enable=warning,portability,performance", f"--platform={platform}", "--std=c11", "-DBUILD=1u"]
+    paths = [str(FIRMWARE / folder) for folder in folders]
+    command = ["cppcheck", "--quiet", "--error-exitcode=1", *checks, *paths]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
 

@@ -24,7 +24,7 @@ int main(void)
     eeprom_store(record, sizeof record);
     say(eeprom_load(loaded, sizeof loaded));
     say(eeprom_load(loaded, 4));
-    eeprom_write_byte((uint8_t *)3, 7);
+    eeprom_write_byte((uint8_t *)7, 7);
     say(eeprom_load(loaded, sizeof loaded));
     for (uint8_t i = 0; i < sizeof loaded; i++)
         say(loaded[i]);
