@@ -12,14 +12,13 @@ from typing import Any, Literal
 import numpy as np
 
 from firmware.virtual.native import native
+from firmware.virtual.on_air import OnAir
 from firmware.virtual.plans import Driver, Plan
-from firmware.virtual.radio import Air, Radio
+from firmware.virtual.radio import Radio
 from firmware.virtual.worlds import World
 
 Drift = Literal["none", "low", "medium", "high"]
-STEP_MS = 20  # the driver's and the radio's beat
 HOST_PRIORITY = 3.0  # s for which a host's drive command keeps the plan waiting
-DOWN, UP = 0, 1
 STATES = ("disarmed", "armed", "fallen", "link_lost", "fault")
 
 # Per square root of a metre: distance (share), turn (rad); biases of a run: distance, turn (rad/m), rotation (share).
@@ -31,21 +30,20 @@ DRIFTS: dict[str, tuple[float, float, float, float, float]] = {
 }
 
 
-class Crunch:
+class Crunch(OnAir):
     """What both robots have: a C robot, a radio, and the truth about where it was.
 
     `advance` and `write` are the two ends of the link; `time` is simulated seconds since the start.
     """
 
     def __init__(self, world: World, start: np.ndarray, seed: int, radio: Radio | None):
+        super().__init__(radio, seed)
         ffi, lib, build = native()
         self.world = world
         self.lib: Any = lib
         self.ffi = ffi
         self.robot: Any = ffi.new("struct robot *")
         lib.robot_init(self.robot, world.caster, ffi.new("double[3]", [float(v) for v in start]), seed % 2**64, build)
-        self.air = Air(radio, seed) if radio is not None else None
-        self.remainder_ms = 0.0
         self.rows = bytearray()
 
     @property
@@ -74,44 +72,16 @@ class Crunch:
         rows = np.frombuffer(bytes(self.rows), float).reshape(-1, 4)
         return rows[:, 0].copy(), rows[:, 1:].copy()
 
-    def write(self, data: bytes) -> None:
-        """Bytes from the host; the radio, if there is one, delays them."""
-        if self.air is not None:
-            self.air.put(UP, data)
-        elif data:
-            self.receive(data)
-
     def receive(self, data: bytes) -> None:
         """Bytes that reached the boards."""
         self.lib.robot_receive(self.robot, data, len(data))
 
-    def advance(self, seconds: float) -> bytes:
-        """Lets simulated time pass; returns the bytes that reached the host meanwhile."""
-        if not seconds >= 0.0:
-            raise ValueError(f"cannot advance by {seconds} s: time does not run backwards")
-        self.remainder_ms += seconds * 1000.0
-        parts = []
-        while (ms := min(STEP_MS, int(self.remainder_ms + 1e-6))) > 0:
-            self.remainder_ms -= ms
-            parts.append(self.step(ms))
-        return b"".join(parts)
-
-    def step(self, ms: int) -> bytes:
-        """At most STEP_MS: the boards and the body, then the radio."""
+    def run(self, ms: int) -> bytes:
         robot = self.robot
         self.lib.robot_advance(robot, ms)
         if robot.truth_rows:
             self.rows += self.ffi.buffer(robot.truth, robot.truth_rows * 32)
-        sent = bytes(self.ffi.buffer(robot.bytes, robot.outbox.size)) if robot.outbox.size else b""
-        if self.air is None:
-            return sent
-        now = self.time
-        self.air.put(DOWN, sent)
-        self.air.run(now - ms * 1e-3, now)
-        commands = self.air.directions[UP].arrived(now)
-        if commands:
-            self.receive(commands)
-        return self.air.directions[DOWN].arrived(now)
+        return bytes(self.ffi.buffer(robot.bytes, robot.outbox.size)) if robot.outbox.size else b""
 
 
 class VirtualCrunch(Crunch):

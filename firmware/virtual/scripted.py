@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from firmware.virtual.on_air import STEP_MS
 from firmware.virtual.radio import Radio
-from firmware.virtual.robot import STEP_MS, Crunch
+from firmware.virtual.robot import Crunch
 from firmware.virtual.worlds import World
 
 TRACK = 0.19  # m, as BODY_TRACK

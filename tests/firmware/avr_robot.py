@@ -24,9 +24,9 @@ DISARMED, ARMED, FALLEN, LINK_LOST, FAULT = range(5)
 class Driven:
     """A robot in a room, what it said so far, and how it moved."""
 
-    def __init__(self, width=4.0, start=(0.0, 0.0, 0.0), seed=1):
+    def __init__(self, width=4.0, start=(0.0, 0.0, 0.0), seed=1, radio=None):
         need_simavr()
-        self.robot = AvrCrunch(room(width, 4.0), start, seed)
+        self.robot = AvrCrunch(room(width, 4.0), start, seed, radio=radio)
         self.said = b""
         self.leans, self.poses = [], []
         self.commands = 0

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from firmware.virtual import Radio
 from tests.firmware.avr_robot import ARMED, DISARMED, FALLEN, FAULT, LINK_LOST, Driven
-from tests.firmware.virtual_wire import DRIVE, arm_command, drive_command, newest_time, stop_command
+from tests.firmware.virtual_wire import DRIVE, arm_command, drive_command, frames, newest_time, stop_command
 
 COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR_DEAD, CHARGER = range(1, 9)
 GYRO, ACCELEROMETER, BATTERY_INPUT, LEFT_MOTOR = 0, 1, 3, 6
@@ -119,3 +120,23 @@ def test_both_boards_reset_at_once_find_their_turns_again():
     assert lib.microcontroller_resets(robot.drive) == lib.microcontroller_resets(robot.sensor) == 2
     assert driven.robot.collisions == 0
     assert driven.robot.is_off
+
+
+def test_over_a_bad_radio_it_balances_and_obeys_only_what_was_sent():
+    radio = Radio(latency=0.2, chunk_loss=0.3, bit_error_rate=1e-3)
+    driven = Driven(width=16.0, start=(-6.0, 0.0, 0.0), radio=radio)
+    driven.wait(1.0)
+    for _ in range(20):  # an arm command in three gets through
+        driven.robot.write(arm_command(1, newest_time(driven.said)))
+        driven.wait(0.2)
+    assert not driven.robot.is_off
+    driven.poses.clear()
+    driven.leans.clear()
+    driven.drive(20.0, 0.3)
+    steps = np.diff([pose[0] for pose in driven.poses])
+    assert driven.robot.pose[0] > -6.0 + 2.0  # commands older than a second, or lost ones, cost way
+    assert np.mean(steps[-250:]) / 0.02 < 0.33
+    assert abs(driven.robot.pose[1]) < 0.1 + 0.1 * (driven.robot.pose[0] + 6.0)
+    assert max(driven.leans) < 0.2
+    assert driven.robot.collisions == 0
+    assert 0.3 < len(frames(driven.said)) / (90 * driven.robot.time) < 0.9

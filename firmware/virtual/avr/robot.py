@@ -9,13 +9,13 @@ import numpy as np
 
 from firmware.virtual.avr.programs import ProgramError, programs, simulator
 from firmware.virtual.native import native
+from firmware.virtual.on_air import OnAir
+from firmware.virtual.radio import Radio
 from firmware.virtual.robot import DRIFTS, Drift
 from firmware.virtual.worlds import World
 
-STEP_MS = 20
 
-
-class AvrCrunch:
+class AvrCrunch(OnAir):
     """A Crunch with both boards under simavr: the bytes at its two ends are the real robot's.
 
     A hand holds it upright at `start` until a command has armed the drive board. `drift` names how wheels and floor
@@ -28,7 +28,9 @@ class AvrCrunch:
         start: tuple[float, float, float] | None = None,
         seed: int = 0,
         drift: Drift = "medium",
+        radio: Radio | None = None,
     ):
+        super().__init__(radio, seed)
         paths = programs()
         ffi, lib, _ = simulator()
         self.ffi, self.lib, self.world = ffi, lib, world
@@ -39,7 +41,6 @@ class AvrCrunch:
             raise ProgramError(f"simavr cannot read {paths.drive} or {paths.sensor}")
         self.robot: Any = ffi.gc(made, lib.avr_robot_free)
         lib.body_set_slip(ffi.addressof(self.robot, "body"), *DRIFTS[drift])
-        self.remainder_ms = 0.0
 
     @property
     def time(self) -> float:
@@ -74,8 +75,8 @@ class AvrCrunch:
         """Bytes of one board that overlapped one of the other's."""
         return self.robot.collisions
 
-    def write(self, data: bytes) -> None:
-        """Bytes from the host; both boards hear them at the line's rate."""
+    def receive(self, data: bytes) -> None:
+        """Bytes that reached the modem; both boards hear them at the line's rate."""
         self.lib.avr_robot_receive(self.robot, data, len(data))
 
     def force(self, channel: int, volts: float) -> None:
@@ -87,15 +88,7 @@ class AvrCrunch:
         """A hand that pushes the decks forward until told otherwise."""
         self.robot.body.push = newtons
 
-    def advance(self, seconds: float) -> bytes:
-        """Lets simulated time pass; returns what both boards sent meanwhile. Raises ProgramError on a crash."""
-        if not seconds >= 0.0:
-            raise ValueError(f"cannot advance by {seconds} s: time does not run backwards")
-        self.remainder_ms += seconds * 1000.0
-        parts = []
-        while (ms := min(STEP_MS, int(self.remainder_ms + 1e-6))) > 0:
-            self.remainder_ms -= ms
-            if not self.lib.avr_robot_advance(self.robot, ms):
-                raise ProgramError(f"a board's program has crashed at {self.time:.3f} s")
-            parts.append(bytes(self.ffi.buffer(self.robot.bytes, self.robot.size)))
-        return b"".join(parts)
+    def run(self, ms: int) -> bytes:
+        if not self.lib.avr_robot_advance(self.robot, ms):
+            raise ProgramError(f"a board's program has crashed at {self.time:.3f} s")
+        return bytes(self.ffi.buffer(self.robot.bytes, self.robot.size))
