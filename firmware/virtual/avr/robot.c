@@ -104,6 +104,7 @@ static void on_drive_pin(void *owner, char port, int bit, bool level)
         return;
     const struct grant_edge edge = {microcontroller_cycle(robot->drive), level};
     robot->grants[robot->grant_count++] = edge;
+    *(level ? &robot->last_rise : &robot->last_fall) = edge;
 }
 
 /* A trigger's rising edge: four modules burst, and their lines fall when they hear, or have waited long enough. */
@@ -166,6 +167,13 @@ void avr_robot_duties(const struct avr_robot *robot, double duties[2])
     }
 }
 
+/* GRANT is high for 2 ms in 20: no older grant can meet a byte of the last ms. */
+static bool is_within_grant(const struct avr_robot *robot, const struct sent_byte *sent)
+{
+    const uint64_t rise = robot->last_rise.cycle, fall = robot->last_fall.cycle;
+    return rise > 0 && sent->end > rise && (fall < rise || sent->start < fall);
+}
+
 /* Hands one byte to the modem and looks whether the other board was speaking. */
 static void collect_byte(struct avr_robot *robot, int board, const struct sent_byte *sent)
 {
@@ -173,6 +181,7 @@ static void collect_byte(struct avr_robot *robot, int board, const struct sent_b
         const struct sent_byte *theirs = &robot->recent[1 - board][i];
         robot->collisions += sent->start < theirs->end && theirs->start < sent->end;
     }
+    robot->trespasses += board == DRIVE && is_within_grant(robot, sent);
     robot->recent[board][robot->sent[board]++ % AVR_ROBOT_RECENT] = *sent;
     if (robot->size < AVR_ROBOT_BYTES)
         robot->bytes[robot->size++] = sent->byte;

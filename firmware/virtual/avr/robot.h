@@ -36,6 +36,8 @@ struct avr_robot {
     struct sent_byte recent[2][AVR_ROBOT_RECENT];
     uint32_t sent[2];              /* bytes ever sent, drive and sensor */
     uint32_t collisions;           /* bytes that overlapped one of the other board's */
+    struct grant_edge last_rise, last_fall;
+    uint32_t trespasses;           /* bytes of the drive board on the line while it granted it */
     bool has_crashed;
     int32_t size;                  /* of `bytes`: what the modem took since the last advance */
     uint8_t bytes[AVR_ROBOT_BYTES];

@@ -72,8 +72,8 @@ class AvrCrunch(OnAir):
 
     @property
     def collisions(self) -> int:
-        """Bytes of one board that overlapped one of the other's."""
-        return self.robot.collisions
+        """Bytes that overlapped one of the other board, or that the drive board sent while the line was granted."""
+        return self.robot.collisions + self.robot.trespasses
 
     def receive(self, data: bytes) -> None:
         """Bytes that reached the modem; both boards hear them at the line's rate."""
