@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench import (
     ablation,
+    accepts,
     beams,
     calibration,
     claims,
@@ -34,6 +35,7 @@ CATALOGUE: tuple[Bench, ...] = (
     calibration.BENCH,
     odometry.BENCH,
     scale.BENCH,
+    accepts.BENCH,
     kernels.BENCH,
     speed.BENCH,
     *dashboard.BENCHES,
