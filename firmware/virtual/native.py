@@ -11,6 +11,7 @@ import functools
 import hashlib
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -71,9 +72,14 @@ def compiler() -> str:
     return found
 
 
+def flags() -> list[str]:
+    """How the library is compiled: FLAGS, then `CFLAGS` from the environment, which so have the last word."""
+    return [*FLAGS, *shlex.split(os.environ.get("CFLAGS", ""))]
+
+
 def fingerprint(folders: tuple[str, ...] = FOLDERS) -> str:
     """Hash of sources, headers, flags, the compiler's name, and this file, which says how they become a library."""
-    digest = hashlib.sha256(repr((FLAGS, compiler())).encode())
+    digest = hashlib.sha256(repr((flags(), compiler())).encode())
     for path in [*sources(folders), *headers(folders), Path(__file__)]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
@@ -113,7 +119,7 @@ def compile_into(target: Path, folders: tuple[str, ...] = FOLDERS) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as name:
         folder = Path(name)
         libraries = [flag for name in folders for flag in LIBRARIES.get(name, ())]
-        run_compiler([*FLAGS, "-o", str(folder / "library"), *map(str, sources(folders)), *libraries, "-lm"])
+        run_compiler([*flags(), "-o", str(folder / "library"), *map(str, sources(folders)), *libraries, "-lm"])
         (folder / "stand-ins").mkdir()
         packed, plain = flatten_headers(folder / "stand-ins", folders)
         (folder / "packed").write_text(packed)

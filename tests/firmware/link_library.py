@@ -8,6 +8,8 @@ from typing import Any
 
 import cffi
 
+from firmware.virtual.native import flags
+
 LINK = Path(__file__).parents[2] / "firmware" / "link"
 SOURCES = [LINK / name for name in ("crc.c", "cobs.c", "frame.c")]
 FLAGS = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-ffp-contract=off"]
@@ -33,5 +35,5 @@ def link_library() -> tuple[cffi.FFI, Any]:
     ffi.cdef(DECLARATIONS)
     with TemporaryDirectory() as directory:
         library = Path(directory) / "liblink.so"
-        subprocess.run(["cc", *FLAGS, "-fPIC", "-shared", "-o", library, *SOURCES], check=True)
+        subprocess.run(["cc", *FLAGS, *flags(), "-o", library, *SOURCES], check=True)
         return ffi, ffi.dlopen(str(library))
