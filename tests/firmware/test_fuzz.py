@@ -1,0 +1,54 @@
+"""The fuzzer runs, finds nothing in the firmware, reaches its decoders' every line, and finds mistakes put there."""
+
+import shutil
+import subprocess
+
+import pytest
+
+from bench import fuzz
+from firmware.virtual.native import FIRMWARE
+from server.errors import UserError
+from tests.tools import miss
+
+RUNS = 3000
+PATIENCE = 300_000  # runs; most take a few hundred
+
+
+def program(name):
+    try:
+        return fuzz.make(name)
+    except UserError as error:
+        miss(str(error))
+
+
+def test_nothing_is_found_and_every_line_of_the_decoders_reached(tmp_path):
+    done = fuzz.fuzz(program("fuzzer"), tmp_path, 7, f"-runs={RUNS}")
+    found = fuzz.told(done, tmp_path)
+    assert found["findings"] == "none", done.stderr[-3000:]
+    assert found["executions"] >= RUNS
+    lines = fuzz.reached(program("replay"), tmp_path / "inputs")
+    for name in ("link/frame.c", "link/cobs.c", "drive/command.c"):
+        assert lines[name][0] == lines[name][1], name
+
+
+@pytest.mark.parametrize(
+    ("name", "sound", "broken"),
+    [
+        ("link/frame.c", "decoder->size < sizeof decoder->pending", "decoder->size <= sizeof decoder->pending"),
+        ("link/cobs.c", "code - 1 > size - from", "code - 1 > size"),
+        ("drive/command.c", "== get32(frame->payload + covered)", "!= ~get32(frame->payload + covered)"),
+        ("drive/command.c", "<= COMMAND_MAX_AGE_MS", "<= 4 * COMMAND_MAX_AGE_MS"),
+        ("drive/supervisor.c", "limited(wish->speed, MAX_SPEED)", "wish->speed"),
+    ],
+    ids=["overflow", "over-read", "no CRC-32", "stale", "no limit"],
+)
+def test_what_is_broken_is_found(name, sound, broken, tmp_path):
+    program("fuzzer")
+    shutil.copytree(FIRMWARE, tmp_path / "firmware", ignore=shutil.ignore_patterns("__pycache__"))
+    source = tmp_path / "firmware" / name
+    assert sound in source.read_text()
+    source.write_text(source.read_text().replace(sound, broken))
+    subprocess.run(["make", "-C", str(tmp_path / "firmware"), "fuzzer"], check=True, capture_output=True)
+    folder = tmp_path / "run"
+    done = fuzz.fuzz(tmp_path / "build" / "fuzz" / "fuzzer", folder, 1, f"-runs={PATIENCE}")
+    assert fuzz.told(done, folder)["findings"] != "none"
