@@ -20,6 +20,7 @@ from server import calibrate
 from server.errors import UserError
 from server.terminal import (
     Assignments,
+    Avr,
     Beams,
     ConfigFile,
     MaxRange,
@@ -29,6 +30,7 @@ from server.terminal import (
     Seed,
     Threads,
     benchmarks,
+    build_of,
     check_beams,
     complain,
     folders_for,
@@ -96,6 +98,7 @@ def demo(
     ] = None,
     drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     speed: Annotated[float, typer.Option(min=0.1, max=100.0, help="Times real time.")] = 1.0,
+    avr: Avr = False,
     seed: Seed = 0,
     threads: LiveThreads = 1,
     recordings: Recordings = Path("recordings"),
@@ -113,12 +116,13 @@ def demo(
     \b
         crunch demo --autopilot
         crunch demo --port 8080 --no-browser --world corridor50
+        crunch demo --avr
     """
     from server.live import run_demo
 
     options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
-    raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed))
+    raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed, build_of(avr)))
 
 
 @app.command()
@@ -211,6 +215,7 @@ def simulate(
     seed: Seed = 0,
     drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds.", show_default="the plan's end")] = None,
+    avr: Avr = False,
     from_log: Annotated[Path | None, typer.Option(help="Semi-real: odometry and walls from this CARMEN log.")] = None,
     reference: Annotated[Path | None, typer.Option(help="Semi-real: where the log's scans were taken (TUM).")] = None,
     config: ConfigFile = None,
@@ -237,11 +242,13 @@ def simulate(
     if from_log is not None and reference is not None:
         if world or plan:
             raise UserError("--from-log makes its own world and plan; leave out --world and --plan")
+        if avr:
+            raise UserError("--from-log gives the motion, and no board balances; leave out --avr")
         semireal = Semireal(robot, from_log, reference, seed, out, duration)
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_semireal(semireal, settings, progress)
     else:
-        simulation = Simulation(robot, world, plan, seed, out, known_drift(drift), duration)
+        simulation = Simulation(robot, world, plan, seed, out, known_drift(drift), duration, build_of(avr))
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_drive(simulation, settings, progress)
     typer.echo(f"{out}: {summary}")

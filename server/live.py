@@ -80,10 +80,12 @@ def run_demo(
     plan: str | None = None,
     drift: Literal["none", "low", "medium", "high"] = "medium",
     speed: float = 1.0,
+    build: Literal["host", "avr"] = "host",
 ) -> int:
     """Serve a virtual robot in this process until Ctrl-C; exit code.
 
-    World and plan follow from one another as in `simulate`; a world where no tour can be planned has no autopilot.
+    `build` is that of the robot's boards. World and plan follow from one another as in `simulate`; a world where no
+    tour can be planned has no autopilot.
     """
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
     from server.simulate import mendable, plan_in, world_and_plan
@@ -97,7 +99,7 @@ def run_demo(
             if autopilot:
                 raise UserError(f"--autopilot needs a plan for {world} ({error}); give one with --plan") from None
             place, route = virtual.load_world(world), None
-        robot = virtual.VirtualCrunch(place, seed=options.seed, drift=drift, plan=route)
+        robot = virtual.VirtualCrunch(place, seed=options.seed, drift=drift, plan=route, build=build)
     robot.autopilot = autopilot
     control = Control(options.config.control.at_speed(speed), autopilot if route else None)
     name = world or plan or plan_in(None)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware.virtual import (
+    Build,
     CompilerError,
     Drift,
     Plan,
@@ -66,6 +67,7 @@ class Simulation(NamedTuple):
     out: Path
     drift: Drift = "medium"
     duration: float | None = None
+    build: Build = "host"
 
 
 class Semireal(NamedTuple):
@@ -83,7 +85,7 @@ def simulate_drive(simulation: Simulation, settings: Config, progress: Progress 
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
     with mendable():
         world, plan = world_and_plan(simulation.world, simulation.plan, simulation.seed)
-        robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan)
+        robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan, build=simulation.build)
     longest = simulation.duration or allowance(plan)
     end = record(robot, simulation.robot, simulation.out, settings, longest, progress)
     warning = ""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Drift = Literal["none", "low", "medium", "high"]
 DRIFTS = ("none", "low", "medium", "high")
+Build = Literal["host", "avr"]  # of the virtual robot's boards
 
 Robot = Annotated[str | None, typer.Option(help="Which robot; a recording knows its own.", show_default="crunch")]
 Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same log: the same bytes come out.")]
@@ -30,6 +31,7 @@ Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VAL
 Preset = Annotated[
     str | None, typer.Option(help="`default`; `thesis`: literally as Crunch's thesis has it; or another robot's.")
 ]
+Avr = Annotated[bool, typer.Option("--avr", help="The boards' real ATmega32 programs, under simavr.")]
 Beams = Annotated[int | None, typer.Option(min=2, help="Thin a laser to so many evenly spread beams.")]
 MaxRange = Annotated[float | None, typer.Option(min=0.1, help="Reach (m) of those beams.", show_default="5.0")]
 Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="40000")]
@@ -100,6 +102,11 @@ def check_beams(beams: int | None, max_range: float | None) -> None:
     """UserError for a reach of beams that nothing is thinned to."""
     if max_range is not None and beams is None:
         raise UserError("--max-range only counts with --beams; add --beams N")
+
+
+def build_of(avr: bool) -> Build:
+    """What the flag --avr asks for."""
+    return "avr" if avr else "host"
 
 
 def known_drift(name: str) -> Drift:

@@ -18,6 +18,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import serial_asyncio_fast
 
+from firmware.virtual.pace import Pace
 from server.errors import UserError
 
 log = logging.getLogger(__name__)
@@ -29,6 +30,8 @@ MAX_WAITING = 512  # bytes kept for a slow line (0.13 s at 38400 baud); a comman
 CONNECT_SECONDS = 5.0
 CLOSE_SECONDS = 0.5
 TICK = 0.01  # s between two steps of the virtual robot
+SLICE = 0.02  # s that it lives at a time,
+BUSY = 0.05  # and s of the clock after which everybody else has a turn
 MAX_SPEED = 100.0
 LONGEST_STEP = 1.0  # s that it catches up at most after this process slept
 
@@ -219,7 +222,6 @@ class VirtualLink:
     """A virtual robot in this process, in real time or `speed` times as fast; then `now` runs as fast as it does."""
 
     reconnects = 0
-    error = ""
 
     def __init__(self, robot: Virtual, spec: str = "virtual:", speed: float = 1.0) -> None:
         self.robot = robot
@@ -228,6 +230,12 @@ class VirtualLink:
         self.origin = time.monotonic()
         self.is_connected = False
         self.received = self.sent = 0
+        self.pace = Pace()
+
+    @property
+    def error(self) -> str:
+        """That the machine is too slow, while it is."""
+        return self.pace.complaint
 
     def now(self) -> float:
         """The robot's time, counted from the host's monotonic clock at its birth."""
@@ -242,23 +250,35 @@ class VirtualLink:
     def summary(self) -> dict:
         """State and counts for people."""
         counts = {"received": self.received, "sent": self.sent, "dropped": 0}
-        return {"spec": self.spec, "connected": self.is_connected, "reconnects": 0, **counts, "error": ""}
+        return {"spec": self.spec, "connected": self.is_connected, "reconnects": 0, **counts, "error": self.error}
 
     async def run(self, receive: Receive) -> None:
-        """Lets the robot live as time passes."""
+        """Lets the robot live as time passes; where the machine cannot, time is left out and `error` tells it."""
         self.is_connected = True
-        lived = self.now()
+        seen, owed = self.now(), 0.0
         try:
             while True:
                 await asyncio.sleep(TICK)
                 now = self.now()
-                data = self.robot.advance(min(now - lived, LONGEST_STEP * self.speed))
-                lived = now
+                lost = max(0.0, owed + now - seen - LONGEST_STEP * self.speed)
+                if self.pace.note((now - seen) / self.speed, lost / self.speed):
+                    log.warning("%s: %s", self.spec, self.error)
+                data, owed = self.live(owed + now - seen - lost)
+                seen = now
                 if data:
                     self.received += len(data)
                     receive(data, now)
         finally:
             self.is_connected = False
+
+    def live(self, seconds: float) -> tuple[bytes, float]:
+        """What the robot says in these seconds, and those that there was no time for."""
+        parts, end = [], time.monotonic() + BUSY
+        while seconds > 0.0 and (not parts or time.monotonic() < end):
+            step = min(seconds, SLICE * self.speed)
+            parts.append(self.robot.advance(step))
+            seconds -= step
+        return b"".join(parts), seconds
 
 
 def open_link(spec: str, backoff: Backoff = Backoff()) -> Link:  # noqa: B008 (a NamedTuple is frozen)
@@ -330,8 +350,8 @@ def tcp_link(spec: str, backoff: Backoff) -> StreamLink:
 
 
 def virtual_link(spec: str, rest: str) -> VirtualLink:
-    """`virtual:`, or `virtual:WORLD?plan=PLAN&seed=1&speed=2&drift=low`; names are files' or built-in ones."""
-    world, settings = options(spec, rest, ("plan", "seed", "speed", "drift"))
+    """`virtual:`, or `virtual:WORLD?plan=PLAN&seed=1&speed=2&drift=low&boards=avr`; names are files' or built-in."""
+    world, settings = options(spec, rest, ("plan", "seed", "speed", "drift", "boards"))
     try:
         seed, speed = int(settings.get("seed", "0")), float(settings.get("speed", "1"))
     except ValueError:
@@ -343,7 +363,9 @@ def virtual_link(spec: str, rest: str) -> VirtualLink:
     try:
         plan = virtual.load_plan(settings["plan"]) if "plan" in settings else None
         drift = cast(virtual.Drift, settings.get("drift", "medium"))
-        robot = virtual.VirtualCrunch(virtual.load_world(world or "demo"), seed=seed, drift=drift, plan=plan)
+        build = cast(virtual.Build, settings.get("boards", "host"))
+        place = virtual.load_world(world or "demo")
+        robot = virtual.VirtualCrunch(place, seed=seed, drift=drift, plan=plan, build=build)
     except (ValueError, virtual.CompilerError) as error:
         raise LinkError(f"link {spec!r}: {error}") from None
     return VirtualLink(robot, spec, speed)

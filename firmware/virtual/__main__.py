@@ -11,10 +11,11 @@ from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
+from firmware.virtual.host import DRIFTS
 from firmware.virtual.native import CompilerError
 from firmware.virtual.plans import PlanError, load_plan
 from firmware.virtual.radio import Radio
-from firmware.virtual.robot import DRIFTS, VirtualCrunch
+from firmware.virtual.robot import VirtualCrunch
 from firmware.virtual.routes import tour
 from firmware.virtual.serve import serve_pty, serve_tcp
 from firmware.virtual.worlds import WorldError, load_world
@@ -28,6 +29,8 @@ examples:
       The same robot tours the office twice by itself. A drive command takes over for 3 seconds.
   python -m firmware.virtual --world floor.map --tour 250 --seed 7 --pty ./crunch.tty
       A random tour of 250 m through a CARMEN map, on a pseudo-terminal, as on a serial port.
+  python -m firmware.virtual --avr --tcp 127.0.0.1:9000
+      The same with both boards' real ATmega32 programs; needs gcc-avr, avr-libc, make and libsimavr-dev.
   python -m firmware.virtual --loss 0.05 --latency 0.06 --bit-errors 1e-5 --tcp 127.0.0.1:9000
       The same over a bad radio.
 
@@ -53,6 +56,14 @@ def parser() -> argparse.ArgumentParser:
         "--drift", choices=list(DRIFTS), default="medium", help="how badly the wheels slip (default: medium)"
     )
     made.add_argument("--disarmed", action="store_true", help="hold the robot upright until a command arms it")
+    made.add_argument(
+        "--avr",
+        dest="build",
+        action="store_const",
+        const="avr",
+        default="host",
+        help="run the boards' real ATmega32 programs under simavr",
+    )
     made.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default: 1)")
     where = made.add_mutually_exclusive_group(required=True)
     where.add_argument("--tcp", metavar="HOST:PORT", help="listen here; port 0 takes a free one")
@@ -84,6 +95,7 @@ def robot_of(options: argparse.Namespace) -> VirtualCrunch:
         radio=radio_of(options),
         plan=plan,
         armed=not options.disarmed,
+        build=options.build,
     )
 
 

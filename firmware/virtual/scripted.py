@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from firmware.virtual.host import HostCrunch
 from firmware.virtual.on_air import STEP_MS
 from firmware.virtual.radio import Radio
-from firmware.virtual.robot import Crunch
 from firmware.virtual.worlds import World
 
 TRACK = 0.19  # m, as BODY_TRACK
@@ -105,7 +105,7 @@ def filled_in(times: np.ndarray, references: np.ndarray, wanted: np.ndarray, odo
     return np.column_stack([position, np.unwrap(heading)])
 
 
-class ScriptedCrunch(Crunch):
+class ScriptedCrunch(HostCrunch):
     """Crunch's senses on a given drive: `true_poses` (n, 3) at `times` (n,), sparse; `odometry_poses` (m, 3) at theirs.
 
     Time runs from the later of the two starts to the earlier of the two ends; `start_time` is that start on the log's
@@ -134,7 +134,7 @@ class ScriptedCrunch(Crunch):
         odometry = at_times(odometry_times, odometry_poses, grid)
         self.script_poses = np.ascontiguousarray(filled_in(times, true_poses, grid, odometry))
         self.script_rolled = rolled_by(odometry)
-        super().__init__(world, self.script_poses[0], seed, radio)
+        super().__init__(world, self.script_poses[0], seed, radio=radio)
         pointers: list[Any] = [
             self.ffi.cast("double *", array.ctypes.data) for array in (self.script_rolled, self.script_poses)
         ]

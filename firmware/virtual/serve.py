@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
+
+from firmware.virtual.pace import Pace
+
+log = logging.getLogger(__name__)
 
 BEAT = 0.02  # s
 MAX_LAG = 0.5  # s; after a longer stall (a laptop's sleep) the robot goes on from now
@@ -24,11 +29,17 @@ class Robot(Protocol):
 
 
 async def pace(robot: Robot, speed: float, send: Callable[[bytes], None]) -> None:
-    """Advances the robot at `speed` times real time, for ever, handing its bytes to `send`."""
+    """Advances the robot at `speed` times real time, for ever, handing its bytes to `send`.
+
+    Where the machine cannot, time is left out, and the log tells it.
+    """
     clock = asyncio.get_running_loop().time
-    due = clock()
+    due, kept = clock(), Pace()
     while True:
-        due = max(due + BEAT, clock() - MAX_LAG)
+        lost = max(0.0, clock() - MAX_LAG - due - BEAT)
+        due += BEAT + lost
+        if kept.note(BEAT + lost, lost):
+            log.warning(kept.complaint)
         await asyncio.sleep(max(0.0, due - clock()))
         data = robot.advance(BEAT * speed)
         if data:

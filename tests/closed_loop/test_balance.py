@@ -39,8 +39,8 @@ def test_it_stands_for_a_minute(seed):
 
 
 @pytest.mark.parametrize("newtons", [-8.0, 4.0, 8.0])
-def test_it_recovers_from_pushes(newtons):
-    robot = VirtualCrunch(room(6, 6), seed=1)
+def test_it_recovers_from_pushes(newtons, build):
+    robot = VirtualCrunch(room(6, 6), seed=1, build=build)
     robot.advance(2.0)
     robot.push(newtons)
     robot.advance(0.2)
@@ -65,16 +65,16 @@ def test_it_drives_three_metres_at_the_commanded_speed(speed):
     assert abs(robot.pose[1]) < 0.05
 
 
-def test_it_turns_as_commanded_without_leaving_its_place():
-    robot = VirtualCrunch(room(4, 4), seed=3, drift="none")
+def test_it_turns_as_commanded_without_leaving_its_place(build):
+    robot = VirtualCrunch(room(4, 4), seed=3, drift="none", build=build)
     drive_for(robot, 5.0, 0.0, 1.0)
     _, poses = robot.truth()
     assert np.unwrap(poses[:, 2])[-1] == pytest.approx(5.0, abs=0.3)
     assert np.hypot(*poses[:, :2].T).max() < 0.08
 
 
-def test_it_stops_when_commands_cease_and_stays_up():
-    robot = VirtualCrunch(room(12, 4), start=(-4, 0, 0), seed=4, drift="none")
+def test_it_stops_when_commands_cease_and_stays_up(build):
+    robot = VirtualCrunch(room(12, 4), start=(-4, 0, 0), seed=4, drift="none", build=build)
     drive_for(robot, 6.0, 0.4)
     robot.advance(0.45)
     assert robot.state == "link_lost"
@@ -84,8 +84,8 @@ def test_it_stops_when_commands_cease_and_stays_up():
     assert way < 0.08
 
 
-def test_a_stop_command_stops_it_at_once():
-    robot = VirtualCrunch(room(12, 4), start=(-4, 0, 0), seed=4, drift="none")
+def test_a_stop_command_stops_it_at_once(build):
+    robot = VirtualCrunch(room(12, 4), start=(-4, 0, 0), seed=4, drift="none", build=build)
     drive_for(robot, 6.0, 0.4)
     place = robot.pose[0]
     robot.write(stop_command())
@@ -94,8 +94,8 @@ def test_a_stop_command_stops_it_at_once():
     assert motion_of(robot, 5.0)[1] < 0.08
 
 
-def test_a_fall_switches_off_and_is_latched():
-    robot = VirtualCrunch(room(6, 6), seed=5)
+def test_a_fall_switches_off_and_is_latched(build):
+    robot = VirtualCrunch(room(6, 6), seed=5, build=build)
     robot.advance(1.0)
     robot.push(60.0)
     robot.advance(0.3)
@@ -109,8 +109,8 @@ def test_a_fall_switches_off_and_is_latched():
     assert abs(robot.tilt) > 1.0
 
 
-def test_picked_up_and_armed_again_it_balances():
-    robot = VirtualCrunch(room(6, 6), seed=5)
+def test_picked_up_and_armed_again_it_balances(build):
+    robot = VirtualCrunch(room(6, 6), seed=5, build=build)
     robot.push(60.0)
     robot.advance(0.4)
     robot.push(0.0)
@@ -123,8 +123,8 @@ def test_picked_up_and_armed_again_it_balances():
     assert robot.state == "link_lost"
 
 
-def test_the_estimated_tilt_tracks_the_true_one():
-    robot = VirtualCrunch(room(12, 6), start=(-4, 0, 0), seed=6, drift="medium")
+def test_the_estimated_tilt_tracks_the_true_one(build):
+    robot = VirtualCrunch(room(12, 6), start=(-4, 0, 0), seed=6, drift="medium", build=build)
     errors = []
     rng = np.random.default_rng(1)
     for _ in range(40):
@@ -136,8 +136,8 @@ def test_the_estimated_tilt_tracks_the_true_one():
     assert np.std(errors) < 0.02
 
 
-def test_walls_stop_it_and_it_does_not_fall():
-    robot = VirtualCrunch(room(2.0, 2.0), seed=7, drift="none")
+def test_walls_stop_it_and_it_does_not_fall(build):
+    robot = VirtualCrunch(room(2.0, 2.0), seed=7, drift="none", build=build)
     drive_for(robot, 10.0, 0.4)
     assert robot.pose[0] == pytest.approx(1.0 - 0.076, abs=0.02)
     assert robot.state == "armed"

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware.virtual import Drift, Radio, VirtualCrunch, World, corridor_cycle, corridor_plan
+from firmware.virtual import Build, Drift, Radio, VirtualCrunch, World, corridor_cycle, corridor_plan
 from server import config
 from server.messages import Goal
 from server.recorded import open_log
@@ -16,16 +16,16 @@ from server.simulate import record
 from slam.evaluate import absolute_error, revisits
 from slam.timeline import associate
 from tests.closed_loop.loop import Loop
+from tests.firmware.avr_tools import need_simavr
 
 LENGTH = 24.0  # m of the cycle
 ROOM = np.array([[0, 0, 6, 0], [6, 0, 6, 4], [6, 4, 0, 4], [0, 4, 0, 0], [3, 0, 3, 2.4]], float)  # a wall in the way
 
 
-def drive_and_map(tmp_path, seed: int, drift: Drift, radio: Radio | None = None):
+def drive_and_map(tmp_path, seed: int, drift: Drift, radio: Radio | None = None, build: Build = "host"):
     """The result of two laps, mapped and odometry's poses where the truth is known, the truth, and all its times."""
-    robot = VirtualCrunch(
-        corridor_cycle(seed, LENGTH, 1.6), seed=seed, drift=drift, plan=corridor_plan(seed, LENGTH), radio=radio
-    )
+    world, plan = corridor_cycle(seed, LENGTH, 1.6), corridor_plan(seed, LENGTH)
+    robot = VirtualCrunch(world, seed=seed, drift=drift, plan=plan, radio=radio, build=build)
     path = tmp_path / f"{drift}-{seed}.rlog"
     record(robot, "crunch", path, config.Config(), 400.0, None)
     result = run_log(open_log(path), config.load({"crunch": {"filter": {"particles": 600}}}).crunch, seed)
@@ -37,7 +37,16 @@ def drive_and_map(tmp_path, seed: int, drift: Drift, radio: Radio | None = None)
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_two_laps_close_although_odometry_does_not(tmp_path, seed):
-    _, mapped, odometry, true, _ = drive_and_map(tmp_path, seed, "high")
+    closes(*drive_and_map(tmp_path, seed, "high")[1:4])
+
+
+def test_two_laps_of_the_real_boards_close_as_well(tmp_path):
+    need_simavr()
+    closes(*drive_and_map(tmp_path, 0, "high", build="avr")[1:4])
+
+
+def closes(mapped: np.ndarray, odometry: np.ndarray, true: np.ndarray) -> None:
+    """That the map closes a loop that odometry does not, and is nearer to the truth."""
     assert not revisits(odometry, true, min_path=10.0).is_closed
     assert revisits(mapped, true, min_path=10.0).is_closed
     assert absolute_error(mapped, true).translation.rmse < absolute_error(odometry, true).translation.rmse

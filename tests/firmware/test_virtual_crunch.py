@@ -30,8 +30,8 @@ from tests.firmware.virtual_wire import (
 )
 
 
-def test_rates_and_bandwidth_are_as_promised():
-    robot = VirtualCrunch(room(4, 4), seed=1)
+def test_rates_and_bandwidth_are_as_promised(build):
+    robot = VirtualCrunch(room(4, 4), seed=1, build=build)
     data = robot.advance(20.0)
     counts = Counter((f.source, f.channel) for f in frames(data))
     assert counts[DRIVE, ODOMETRY] == 1000
@@ -45,8 +45,8 @@ def test_rates_and_bandwidth_are_as_promised():
     assert decoder.rejected == 0
 
 
-def test_sequences_count_per_board_and_times_keep_their_step():
-    robot = VirtualCrunch(room(4, 4), seed=1)
+def test_sequences_count_per_board_and_times_keep_their_step(build):
+    robot = VirtualCrunch(room(4, 4), seed=1, build=build)
     said = frames(robot.advance(70.0))  # across the 16-bit clock's wrap
     for source in (DRIVE, SENSOR):
         sequence = [f.sequence for f in said if f.source == source]
@@ -56,8 +56,8 @@ def test_sequences_count_per_board_and_times_keep_their_step():
         assert set(np.diff(times) % 65536) == {step}
 
 
-def test_truth_has_one_pose_for_every_odometry_frame():
-    robot = VirtualCrunch(room(6, 6), seed=2, plan=Plan.through(np.array([[-2, -2], [2, -2], [2, 2]])))
+def test_truth_has_one_pose_for_every_odometry_frame(build):
+    robot = VirtualCrunch(room(6, 6), seed=2, plan=Plan.through(np.array([[-2, -2], [2, -2], [2, 2]])), build=build)
     data = robot.advance(12.34)
     times, poses = robot.truth()
     ticks = [f.time_ms for f in frames(data) if f.channel == ODOMETRY]
@@ -70,26 +70,26 @@ def test_truth_has_one_pose_for_every_odometry_frame():
 
 
 @pytest.mark.parametrize("steps", [[10.0], [0.02] * 500, [0.0137] * 729 + [0.0127]])
-def test_time_passes_the_same_in_any_portions(steps):
+def test_time_passes_the_same_in_any_portions(steps, build):
     """Without a driver nothing depends on how the caller slices time."""
-    robot = VirtualCrunch(room(4, 4), seed=3)
+    robot = VirtualCrunch(room(4, 4), seed=3, build=build)
     data = b"".join(robot.advance(step) for step in steps)
     assert robot.time == pytest.approx(10.0, abs=1e-3)
-    whole = VirtualCrunch(room(4, 4), seed=3).advance(10.0)
+    whole = VirtualCrunch(room(4, 4), seed=3, build=build).advance(10.0)
     assert data[: len(whole) - 100] == whole[: len(whole) - 100]
 
 
-def test_the_same_seed_says_the_same_bytes():
+def test_the_same_seed_says_the_same_bytes(build):
     def digest(seed):
         radio = Radio(chunk_loss=0.05, bit_error_rate=1e-5)
-        robot = VirtualCrunch(corridor_cycle(1), seed=seed, radio=radio, plan=corridor_plan(1))
+        robot = VirtualCrunch(corridor_cycle(1), seed=seed, radio=radio, plan=corridor_plan(1), build=build)
         return hashlib.sha256(robot.advance(20.0)).hexdigest(), robot.pose.tolist()
 
     assert digest(7) == digest(7) != digest(8)
 
 
-def test_ticks_times_radius_is_the_distance_without_drift():
-    robot = VirtualCrunch(room(12, 4), start=(-4, 0, 0), seed=4, drift="none")
+def test_ticks_times_radius_is_the_distance_without_drift(build):
+    robot = VirtualCrunch(room(12, 4), start=(-4, 0, 0), seed=4, drift="none", build=build)
     data = drive_for(robot, 10.0, 0.3) + robot.advance(4.0)
     left, right, tilt = payloads(data, ODOMETRY).T
     _, poses = robot.truth()
@@ -109,8 +109,8 @@ def test_drift_makes_the_ticks_lie():
     assert np.abs(heading - heading[0] - np.unwrap(poses[:, 2]) + poses[0, 2]).max() > 0.05
 
 
-def test_sonar_and_infrared_see_the_room():
-    robot = VirtualCrunch(room(1.4, 2.0), seed=6)
+def test_sonar_and_infrared_see_the_room(build):
+    robot = VirtualCrunch(room(1.4, 2.0), seed=6, build=build)
     data = robot.advance(8.0)
     echoes = payloads(data, SONAR)[:, [0, 2, 4, 6]].astype(float)
     echoes[echoes == 0xFFFF] = np.nan
@@ -119,8 +119,8 @@ def test_sonar_and_infrared_see_the_room():
     assert 6787 / (counts - 3) - 4 == pytest.approx([65.0, 65.0], abs=3.0)
 
 
-def test_a_host_drives_and_its_commands_are_acknowledged():
-    robot = VirtualCrunch(room(8, 8), seed=7, drift="none")
+def test_a_host_drives_and_its_commands_are_acknowledged(build):
+    robot = VirtualCrunch(room(8, 8), seed=7, drift="none", build=build)
     said = drive_for(robot, 5.0, 0.2, 0.0)
     assert robot.state == "armed"
     assert payloads(said, BALANCE)[-1][-1] > 40
@@ -128,8 +128,8 @@ def test_a_host_drives_and_its_commands_are_acknowledged():
 
 
 @pytest.mark.parametrize("spoiled", ["stale", "forged", "cut"])
-def test_refused_commands_do_not_move_it_and_are_counted(spoiled):
-    robot = VirtualCrunch(room(8, 8), seed=8)
+def test_refused_commands_do_not_move_it_and_are_counted(spoiled, build):
+    robot = VirtualCrunch(room(8, 8), seed=8, build=build)
     echo = newest_time(robot.advance(2.0))
     for i in range(30):
         now = echo + 100 * i
@@ -150,9 +150,9 @@ def test_refused_commands_do_not_move_it_and_are_counted(spoiled):
     assert errors[-1] == 30
 
 
-def test_the_host_takes_the_wheel_for_three_seconds():
+def test_the_host_takes_the_wheel_for_three_seconds(build):
     plan = Plan.through(np.array([[-3, 0], [3, 0]]))
-    robot = VirtualCrunch(room(8, 4), seed=9, drift="none", plan=plan)
+    robot = VirtualCrunch(room(8, 4), seed=9, drift="none", plan=plan, build=build)
     robot.advance(5.0)
     before = robot.pose[0]
     drive_for(robot, 2.0, -0.2)
@@ -163,9 +163,9 @@ def test_the_host_takes_the_wheel_for_three_seconds():
     assert robot.finished
 
 
-def test_a_stop_holds_the_plan_until_somebody_drives_again():
+def test_a_stop_holds_the_plan_until_somebody_drives_again(build):
     plan = Plan.through(np.array([[-3, 0], [3, 0]]))
-    robot = VirtualCrunch(room(8, 4), seed=9, drift="none", plan=plan)
+    robot = VirtualCrunch(room(8, 4), seed=9, drift="none", plan=plan, build=build)
     robot.advance(5.0)
     robot.write(stop_command())
     robot.advance(3.0)
@@ -177,15 +177,15 @@ def test_a_stop_holds_the_plan_until_somebody_drives_again():
     assert robot.pose[0] > stopped + 0.8
 
 
-def test_autopilot_can_be_switched_off():
-    robot = VirtualCrunch(room(8, 4), seed=9, plan=Plan.through(np.array([[-3, 0], [3, 0]])))
+def test_autopilot_can_be_switched_off(build):
+    robot = VirtualCrunch(room(8, 4), seed=9, plan=Plan.through(np.array([[-3, 0], [3, 0]])), build=build)
     robot.autopilot = False
     robot.advance(5.0)
     assert robot.pose[0] == pytest.approx(-3.0, abs=0.1)
 
 
-def test_a_disarmed_robot_is_held_until_it_is_armed():
-    robot = VirtualCrunch(room(4, 4), seed=10, armed=False)
+def test_a_disarmed_robot_is_held_until_it_is_armed(build):
+    robot = VirtualCrunch(room(4, 4), seed=10, armed=False, build=build)
     data = robot.advance(3.0)
     assert robot.state == "disarmed"
     assert robot.tilt == 0.0
@@ -197,9 +197,9 @@ def test_a_disarmed_robot_is_held_until_it_is_armed():
     assert abs(robot.tilt) < 0.05
 
 
-def test_commands_get_through_a_radio():
+def test_commands_get_through_a_radio(build):
     radio = Radio(latency=0.06, chunk_loss=0.05, bit_error_rate=1e-5)
-    robot = VirtualCrunch(room(10, 4), start=(-3, 0, 0), seed=11, drift="none", radio=radio)
+    robot = VirtualCrunch(room(10, 4), start=(-3, 0, 0), seed=11, drift="none", radio=radio, build=build)
     decoder, echo, good = Decoder(), 0, 0
     for i in range(100):
         robot.write(drive_command(0.3, 0.0, echo, i))

@@ -16,9 +16,12 @@ from server.config import Config
 from server.control import ControlParams
 from server.errors import UserError
 from server.live import LiveOptions, listening, page_address, run_demo
+from server.messages import Ranges, Wheels
+from server.recorded import open_log
 from server.recording import Kind, Reader
 from server.sessions import free_name
 from server.stream import decode
+from tests.firmware.avr_tools import need_simavr
 from tests.served import PATIENCE, demo, wait_until
 
 
@@ -112,6 +115,32 @@ def test_demo_serves_records_and_leaves_in_order(tmp_path):
     marks = [json.loads(record.data) for record in records if record.kind == Kind.MARK]
     assert {"drive", "stop"} <= {mark.get("command") for mark in marks}
     assert marks[-1]["command"] == "stop", "the last word to the robot"
+
+
+def test_demo_drives_the_real_boards_and_is_told_where_they_go(tmp_path):
+    need_simavr()
+    with demo(tmp_path, "--avr") as served:
+        wait_until(lambda: served.status()["robot"]["battery_volts"])
+        with connect(served.address.replace("http", "ws", 1) + "api/v1/stream", open_timeout=PATIENCE) as viewer:
+            way = driven_distance(viewer, 0.3)
+        recording = served.recording()
+    assert way >= 0.3
+    log = open_log(recording)
+    readings = [message for message in log.messages() if isinstance(message, (Wheels, Ranges))]
+    assert {type(message) for message in readings} == {Wheels, Ranges}
+
+
+def driven_distance(viewer, wanted: float) -> float:
+    """Forward until odometry has gone so many metres; how many it has."""
+    first, way = None, 0.0
+    while way < wanted:
+        sequence, header, _ = decode(viewer.recv(decode=False))
+        viewer.send(json.dumps({"type": "ack", "seq": sequence}))
+        if header.get("topic") == "pose":
+            viewer.send(json.dumps({"type": "drive", "speed": 0.3, "turn": 0.0, "seen": header["t"] - header["age"]}))
+            first = first or header["odometry"]
+            way = float(np.hypot(header["odometry"][0] - first[0], header["odometry"][1] - first[1]))
+    return way
 
 
 def drive_a_little(viewer, hello: dict) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from server.transport import LONGEST_STEP, MAX_WAITING, Backoff, LinkError, StreamLink, VirtualLink, open_link
+from tests.firmware.avr_tools import need_simavr
 
 QUICK = Backoff(first=0.01, last=0.04)
 
@@ -307,11 +308,38 @@ def test_a_virtual_robot_lives_as_its_clock_says(speed):
     asyncio.run(scene())
 
 
-def test_the_virtual_crunch_is_a_link_like_any_other():
+class Sluggard(Ticker):
+    """A virtual robot that takes twice the time it should."""
+
+    def advance(self, seconds):
+        time.sleep(2.0 * seconds)
+        return super().advance(seconds)
+
+
+def test_a_machine_that_is_too_slow_for_its_robot_says_so_and_listens_meanwhile(monkeypatch, caplog):
+    monkeypatch.setattr("firmware.virtual.pace.WINDOW", 0.5)
+
+    async def scene():
+        link, ear = VirtualLink(Sluggard()), Ear()
+        async with running(link, ear):
+            await until(lambda: link.error)
+            assert "too slow for this robot" in link.error == link.summary()["error"]
+            assert len(ear.times) > 10  # others had their turns
+
+    asyncio.run(scene())
+    assert caplog.text.count("too slow") == 1
+
+
+@pytest.mark.parametrize("boards", ["host", "avr"])
+def test_the_virtual_crunch_is_a_link_like_any_other(boards):
+    if boards == "avr":
+        need_simavr()
+
     async def scene():
         ear = Ear()
-        link = open_link("virtual:demo?seed=3&speed=5&drift=low")
-        assert link.spec == "virtual:demo?seed=3&speed=5&drift=low"
+        spec = f"virtual:demo?seed=3&speed=2&drift=low&boards={boards}"
+        link = open_link(spec)
+        assert link.spec == spec
         async with running(link, ear):
             await until(lambda: ear.data.count(0) > 20)
 
@@ -352,7 +380,9 @@ def test_a_text_that_is_no_link_is_told_in_one_line_with_the_forms(spec, fault):
     assert "\n" not in message
 
 
-@pytest.mark.parametrize("spec", ["virtual:atlantis", "virtual:?drift=wild", "virtual:?plan=none-such"])
+@pytest.mark.parametrize(
+    "spec", ["virtual:atlantis", "virtual:?drift=wild", "virtual:?boards=arm", "virtual:?plan=none-such"]
+)
 def test_a_virtual_robot_that_cannot_be_is_told_in_one_line(spec):
     with pytest.raises(LinkError, match="link 'virtual:"):
         open_link(spec)

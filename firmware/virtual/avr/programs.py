@@ -19,7 +19,7 @@ BUILT = FIRMWARE.parent / "build" / "avr"
 PACKAGES = "gcc-avr avr-libc make libsimavr-dev"
 
 
-class ProgramError(RuntimeError):
+class ProgramError(CompilerError):
     """The boards' programs cannot be built or run here."""
 
 

@@ -20,6 +20,10 @@
 #define METRES_PER_TICK (2.0 * 3.141592653589793 * BODY_WHEEL_RADIUS / BODY_TICKS_PER_TURN)
 #define ECHO_RISE_US 100        /* after the trigger */
 #define ECHO_GIVE_UP_US 36000   /* a module without echo */
+#define ARMING_PATIENCE_MS 10000
+#define FIRST_WORD_MS 100       /* the boards have started */
+#define WORD_MS 500             /* between two requests to arm */
+#define STEER_MS 100
 
 enum { GYRO, FORWARD, UPWARD, BATTERY, CURRENT, CHARGER, LEFT_MOTOR, RIGHT_MOTOR };
 enum { DRIVE, SENSOR };
@@ -141,6 +145,7 @@ struct avr_robot *avr_robot_new(const char *drive_elf, const char *sensor_elf, c
     robot->body.is_held = true;
     inertial_init(&robot->inertial, seed);
     rangefinders_init(&robot->rangefinders, walls, seed);
+    bystander_init(&robot->bystander);
     robot->drive = microcontroller_new(drive_elf, &drive);
     robot->sensor = microcontroller_new(sensor_elf, &sensor);
     if (robot->drive && robot->sensor)
@@ -183,6 +188,8 @@ static void collect_byte(struct avr_robot *robot, int board, const struct sent_b
     }
     robot->trespasses += board == DRIVE && is_within_grant(robot, sent);
     robot->recent[board][robot->sent[board]++ % AVR_ROBOT_RECENT] = *sent;
+    if (board == DRIVE)
+        bystander_hear(&robot->bystander, robot->now_ms, sent->byte);
     if (robot->size < AVR_ROBOT_BYTES)
         robot->bytes[robot->size++] = sent->byte;
 }
@@ -215,9 +222,13 @@ static void turn_wheels(struct avr_robot *robot)
 
 static bool run_drive(struct avr_robot *robot)
 {
+    const uint32_t resets = microcontroller_resets(robot->drive);
     robot->grant_count = 0;
     turn_wheels(robot);
-    return microcontroller_run(robot->drive, (robot->now_ms + 1) * MS_CYCLES);
+    const bool runs = microcontroller_run(robot->drive, (robot->now_ms + 1) * MS_CYCLES);
+    if (microcontroller_resets(robot->drive) != resets)
+        bystander_boot(&robot->bystander, robot->now_ms);
+    return runs;
 }
 
 static bool run_sensor(struct avr_robot *robot)
@@ -247,7 +258,10 @@ static void move(struct avr_robot *robot)
 bool avr_robot_advance(struct avr_robot *robot, int32_t ms)
 {
     robot->size = 0;
+    robot->bystander.truth_rows = 0;
     for (int32_t i = 0; i < ms && !robot->has_crashed; i++) {
+        const struct place place = place_of(robot);
+        bystander_note(&robot->bystander, robot->now_ms, &place);
         robot->has_crashed = !run_drive(robot) || !run_sensor(robot);
         collect(robot);
         move(robot);
@@ -256,9 +270,58 @@ bool avr_robot_advance(struct avr_robot *robot, int32_t ms)
     return !robot->has_crashed;
 }
 
-void avr_robot_receive(struct avr_robot *robot, const uint8_t *bytes, int32_t count)
+static void deliver(struct avr_robot *robot, const uint8_t *bytes, int32_t count)
 {
     microcontroller_receive(robot->drive, bytes, count);
     if (robot->now_ms >= SENSOR_BOOT_MS)
         microcontroller_receive(robot->sensor, bytes, count);
+}
+
+void avr_robot_receive(struct avr_robot *robot, const uint8_t *bytes, int32_t count)
+{
+    for (int32_t i = 0; i < count; i++)
+        bystander_ask(&robot->bystander, robot->now_ms, bytes[i]);
+    deliver(robot, bytes, count);
+}
+
+void avr_robot_steer(struct avr_robot *robot, double speed, double turn)
+{
+    uint8_t bytes[LINK_MAX_ENCODED + 1];
+    if (robot->now_ms < robot->steer_ms)
+        return;
+    robot->steer_ms = robot->now_ms + STEER_MS;
+    bystander_ask(&robot->bystander, robot->now_ms, 0); /* the delimiter before it ends what was cut */
+    deliver(robot, bytes, bystander_drive(&robot->bystander, speed, turn, robot->now_ms, bytes));
+}
+
+static void ask_to_arm(struct avr_robot *robot)
+{
+    uint8_t bytes[LINK_MAX_ENCODED + 1];
+    deliver(robot, bytes, bystander_arm(&robot->bystander, robot->now_ms, bytes));
+}
+
+static bool is_line_silent(const struct avr_robot *robot)
+{
+    for (int i = 0; i < AVR_ROBOT_RECENT; i++)
+        for (int board = 0; board < 2; board++)
+            if (robot->recent[board][i].end > robot->now_ms * MS_CYCLES)
+                return false;
+    return true;
+}
+
+bool avr_robot_stand(struct avr_robot *robot)
+{
+    const struct bystander *bystander = &robot->bystander;
+    bool stands = false;
+    for (int32_t i = 0; i < ARMING_PATIENCE_MS && !stands; i++) {
+        if (i % WORD_MS == FIRST_WORD_MS && !bystander_sees_balance(bystander))
+            ask_to_arm(robot);
+        if (!avr_robot_advance(robot, 1))
+            return false;
+        stands = bystander_sees_balance(bystander) && bystander_is_odometry_next(bystander, robot->now_ms) &&
+                 is_line_silent(robot);
+    }
+    avr_robot_advance(robot, 0);
+    robot->start_ms = robot->now_ms;
+    return stands;
 }

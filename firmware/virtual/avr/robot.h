@@ -7,7 +7,7 @@
 #ifndef CRUNCH_VIRTUAL_AVR_ROBOT_H
 #define CRUNCH_VIRTUAL_AVR_ROBOT_H
 
-#include "../sensors.h"
+#include "bystander.h"
 #include "microcontroller.h"
 
 #define AVR_ROBOT_BYTES 8192
@@ -20,7 +20,8 @@ struct grant_edge {
 };
 
 struct avr_robot {
-    uint64_t now_ms;
+    uint64_t now_ms;   /* since the boards were switched on */
+    uint64_t start_ms; /* where simulated time begins */
     struct body body;
     struct gyro_and_accelerometer inertial;
     struct rangefinders rangefinders;
@@ -38,6 +39,8 @@ struct avr_robot {
     uint32_t collisions;           /* bytes that overlapped one of the other board's */
     struct grant_edge last_rise, last_fall;
     uint32_t trespasses;           /* bytes of the drive board on the line while it granted it */
+    struct bystander bystander;
+    uint64_t steer_ms;             /* when the plan's driver may command again */
     bool has_crashed;
     int32_t size;                  /* of `bytes`: what the modem took since the last advance */
     uint8_t bytes[AVR_ROBOT_BYTES];
@@ -48,7 +51,15 @@ struct avr_robot *avr_robot_new(const char *drive_elf, const char *sensor_elf, c
                                 const double pose[3], uint64_t seed);
 void avr_robot_free(struct avr_robot *robot);
 
-/* Forgets the bytes taken, then advances by `ms`, at most 1000. False once a program has crashed. */
+/* Asks the drive board to arm, as a person's command would; the hand lets go when it has. Time begins with an odometry
+ * and a silent line. False if it does not arm. */
+bool avr_robot_stand(struct avr_robot *robot);
+
+/* A wish from the plan's driver, which reaches the boards' receivers as a valid command ten times a second, whatever the
+ * radio does. */
+void avr_robot_steer(struct avr_robot *robot, double speed, double turn);
+
+/* Forgets the bytes and truths taken, then advances by `ms`, at most 1000. False once a program has crashed. */
 bool avr_robot_advance(struct avr_robot *robot, int32_t ms);
 
 /* Bytes from the host, to both boards. */

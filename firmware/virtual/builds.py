@@ -1,0 +1,63 @@
+"""Which build of the boards moves a virtual robot: the one place that chooses.
+
+Both run the same C and move the same body. `host` is compiled for this machine and a thousand times as fast as the
+clock; `avr` is the real ATmega32 programs under simavr, with their interrupts, timers and the line that they share.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from firmware.virtual.host import DRIFTS, Drift, HostCrunch
+from firmware.virtual.worlds import World
+
+Build = Literal["host", "avr"]
+BUILDS: tuple[Build, ...] = ("host", "avr")
+
+
+class Boards(Protocol):
+    """Two boards, the body they move, and the truth about it; `run` and `receive` are their ends of the line."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def body(self) -> Any: ...
+
+    @property
+    def pose(self) -> np.ndarray: ...
+
+    @property
+    def tilt(self) -> float: ...
+
+    @property
+    def state(self) -> str: ...
+
+    @property
+    def accepted(self) -> tuple[int, int, int]: ...
+
+    def truth(self) -> tuple[np.ndarray, np.ndarray]: ...
+
+    def stand(self) -> bool: ...
+
+    def steer(self, speed: float, turn: float) -> None: ...
+
+    def run(self, ms: int) -> bytes: ...
+
+    def receive(self, data: bytes) -> None: ...
+
+
+def boards_of(build: Build, world: World, start: np.ndarray, seed: int, drift: Drift) -> Boards:
+    """Boards with their body in a hand. ValueError for what is not known, CompilerError for what cannot be built."""
+    if drift not in DRIFTS:
+        raise ValueError(f"no drift {drift!r}; known are {', '.join(DRIFTS)}")
+    match build:
+        case "host":
+            return HostCrunch(world, start, seed, drift)
+        case "avr":
+            from firmware.virtual.avr import AvrCrunch  # needs simavr: only who asks for it
+
+            return AvrCrunch(world, start, seed, drift)
+    raise ValueError(f"no build {build!r} of the boards; known are {', '.join(BUILDS)}")
