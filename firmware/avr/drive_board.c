@@ -9,9 +9,9 @@
  * | PA5        | charger's voltage over 1:8                                                             |
  * | PA6, PA7   | current sense of the left and right bridge, 2.2 kohm                                   |
  * | PB0, PB1   | encoders' B (encoders.h)              | PD2, PD3 encoders' A on INT0, INT1             |
- * | PC0, PC1   | bridges' direction (pwm.h)            | PD4, PD5 bridges' PWM on OC1B, OC1A            |
+ * | PD6, PD7   | bridges' direction (pwm.h)            | PD4, PD5 bridges' PWM on OC1B, OC1A            |
  * | PC6        | bridges' BRAKE                        | PC7      GRANT to the sensor board, pulled low |
- * | PD0, PD1   | modem (uart.h)                        |                                                |
+ * | PD0, PD1   | modem (uart.h)                        | PC0, PC1 the bus of another IMU (twi.h)        |
  *
  * Timer1 makes the PWM, Timer2 the clock; Timer0 is free.
  */
@@ -20,6 +20,7 @@
 #include "adc.h"
 #include "eeprom.h"
 #include "encoders.h"
+#include "imu.h"
 #include "pwm.h"
 #include "ticks.h"
 #include "uart.h"
@@ -31,12 +32,18 @@
 
 #define GRANT _BV(PC7)
 
-enum { GYRO, FORWARD, UPWARD, BATTERY, CURRENT, CHARGER, LEFT_MOTOR, RIGHT_MOTOR };
+enum { BATTERY = 3, CURRENT, CHARGER, LEFT_MOTOR, RIGHT_MOTOR };
 
 _Static_assert(TILT_OVERSAMPLING == POWER_READINGS, "one converter sums for both");
 
 static struct last_words *last_words;
 static bool is_reverse[2];
+
+static void each_ms(void)
+{
+    adc_sweep();
+    imu_tick();
+}
 
 struct boot board_init(void)
 {
@@ -46,7 +53,8 @@ struct boot board_init(void)
     encoders_init();
     uart_init();
     adc_init(TILT_OVERSAMPLING);
-    ticks_init(adc_sweep);
+    imu_init();
+    ticks_init(each_ms);
     MCUCR |= _BV(SE); /* idle: the only mode in which all parts go on */
     watchdog_start();
     sei();
@@ -81,8 +89,7 @@ bool board_sample(struct drive_samples *samples)
         .battery = sums[BATTERY], .current = sums[CURRENT], .charger = sums[CHARGER],
         .motors = {sums[LEFT_MOTOR], sums[RIGHT_MOTOR]},
     };
-    samples->inertial.gyro = sums[GYRO];
-    samples->inertial.accelerometer = sums[FORWARD];
+    samples->inertial = imu_sums(sums);
     samples->supplies = power_supplies(&supplies, is_reverse);
     encoders_read(&samples->left_ticks, &samples->right_ticks);
     return true;

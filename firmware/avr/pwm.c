@@ -4,8 +4,8 @@
 #include <avr/io.h>
 #include <stdbool.h>
 
-#define LEFT_FORWARD _BV(PC0)
-#define RIGHT_FORWARD _BV(PC1)
+#define LEFT_FORWARD _BV(PD6)
+#define RIGHT_FORWARD _BV(PD7)
 #define BRAKE _BV(PC6)
 #define LEFT_PWM _BV(PD5)
 #define RIGHT_PWM _BV(PD4)
@@ -13,8 +13,8 @@
 void pwm_init(void)
 {
     PORTC |= BRAKE;
-    DDRC |= LEFT_FORWARD | RIGHT_FORWARD | BRAKE;
-    DDRD |= LEFT_PWM | RIGHT_PWM;
+    DDRC |= BRAKE;
+    DDRD |= LEFT_FORWARD | RIGHT_FORWARD | LEFT_PWM | RIGHT_PWM;
     ICR1 = PWM_FULL - 1;
     TCCR1A = _BV(WGM11);
     TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS10);
@@ -28,9 +28,9 @@ static uint16_t magnitude_of(int16_t duty)
 static void point(uint8_t pin, bool is_forward)
 {
     if (is_forward)
-        PORTC |= pin;
+        PORTD |= pin;
     else
-        PORTC &= (uint8_t)~pin;
+        PORTD &= (uint8_t)~pin;
 }
 
 void pwm_drive(int16_t left, int16_t right)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * The motors' two LMD18200 bridges, sign and magnitude: Timer1 in mode 14 (fast PWM, ICR1 on top) at 20 kHz; PWM left
- * on OC1A (PD5), right on OC1B (PD4); direction left on PC0, right on PC1 (high is forward); BRAKE of both on PC6.
+ * on OC1A (PD5), right on OC1B (PD4); direction left on PD6, right on PD7 (high is forward); BRAKE of both on PC6.
  * Off is BRAKE high without PWM: both outputs float.
  */
 #ifndef CRUNCH_AVR_PWM_H

@@ -3,6 +3,7 @@
 import struct
 
 from firmware.virtual.avr import AvrCrunch
+from firmware.virtual.avr.programs import Imu
 from tests.firmware.avr_tools import need_simavr
 from tests.firmware.virtual_wire import (
     BALANCE,
@@ -24,9 +25,9 @@ DISARMED, ARMED, FALLEN, LINK_LOST, FAULT = range(5)
 class Driven:
     """A robot in a room, what it said so far, and how it moved."""
 
-    def __init__(self, width=4.0, start=(0.0, 0.0, 0.0), seed=1, radio=None):
+    def __init__(self, width=4.0, start=(0.0, 0.0, 0.0), seed=1, radio=None, imu: Imu = "analogue"):
         need_simavr()
-        self.robot = AvrCrunch(room(width, 4.0), start, seed, radio=radio)
+        self.robot = AvrCrunch(room(width, 4.0), start, seed, radio=radio, imu=imu)
         self.said = b""
         self.leans, self.poses = [], []
         self.commands = 0

@@ -158,7 +158,7 @@ def test_a_record_in_the_eeprom_is_sound_or_none(tmp_path):
     assert list(said) == [False, True, False, False, 1, 0, 255, 3, 9]
 
 
-@pytest.mark.parametrize("name", ["microcontroller.c", "robot.c"])
+@pytest.mark.parametrize("name", ["bystander.c", "imu_part.c", "microcontroller.c", "robot.c"])
 def test_the_simulator_compiles_without_warnings(name, tmp_path):
     need_simavr()
     flags = [flag for flag in FLAGS if flag != "-shared"]

@@ -4,6 +4,7 @@
 #include <simavr/avr_adc.h>
 #include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
+#include <simavr/avr_twi.h>
 #include <simavr/avr_uart.h>
 #include <simavr/sim_avr.h>
 #include <simavr/sim_cycle_timers.h>
@@ -40,10 +41,17 @@ struct order { /* a pin to be changed later */
     bool level;
 };
 
+struct outside { /* inputs of a port that something drives, and how */
+    uint8_t driven, levels;
+};
+
 struct microcontroller {
     avr_t *avr;
+    struct outside outside[4]; /* ports A to D */
     avr_uart_t *uart;
     avr_irq_t *receiver;
+    avr_irq_t *bus;
+    bool is_bus_taken; /* a part has answered */
     struct wiring wiring;
     void (*core_reset)(avr_t *);
     struct encoder encoders[2];
@@ -144,9 +152,37 @@ static avr_irq_t *pin_of(const struct microcontroller *mcu, char port, int bit)
     return avr_io_getirq(mcu->avr, (uint32_t)AVR_IOCTL_IOPORT_GETIRQ(port), bit);
 }
 
+static void answer_bus(struct microcontroller *mcu, uint8_t kind, uint8_t data)
+{
+    avr_raise_irq(mcu->bus, avr_twi_irq_msg(kind, 0, data));
+}
+
+static void on_bus(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    struct microcontroller *mcu = param;
+    const struct wiring *wiring = &mcu->wiring;
+    const avr_twi_msg_irq_t message = {.u = {.v = value}};
+    const uint8_t kind = message.u.twi.msg;
+    if (kind & TWI_COND_START)
+        mcu->is_bus_taken = wiring->on_bus_start && wiring->on_bus_start(wiring->owner, message.u.twi.addr >> 1);
+    if (kind & TWI_COND_STOP)
+        mcu->is_bus_taken = false;
+    if (!mcu->is_bus_taken)
+        return;
+    if (kind & TWI_COND_WRITE)
+        wiring->on_bus_byte(wiring->owner, message.u.twi.data);
+    if (kind & (TWI_COND_START | TWI_COND_WRITE))
+        answer_bus(mcu, TWI_COND_ACK, 1);
+    if (kind & TWI_COND_READ)
+        answer_bus(mcu, TWI_COND_READ, wiring->on_bus_ask(wiring->owner));
+}
+
 static void listen(struct microcontroller *mcu)
 {
     avr_t *avr = mcu->avr;
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT), on_bus, mcu);
+    mcu->bus = avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent, mcu);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_convert, mcu);
     for (int bit = 0; bit < 8; bit++) {
@@ -232,8 +268,21 @@ void microcontroller_voltage(struct microcontroller *mcu, int channel, double vo
     avr_raise_irq(avr_io_getirq(mcu->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0 + channel), (uint32_t)mv);
 }
 
+/* A write to the port would take its pulled-up inputs high, whatever is outside. */
+static void keep_level(struct microcontroller *mcu, char port, int bit, bool level)
+{
+    struct outside *outside = &mcu->outside[port - 'A'];
+    outside->driven |= (uint8_t)(1u << bit);
+    outside->levels = (uint8_t)((outside->levels & ~(1u << bit)) | (unsigned)level << bit);
+    avr_ioport_external_t external = {
+        .name = (unsigned)port & 0x7Fu, .mask = outside->driven, .value = outside->levels,
+    };
+    avr_ioctl(mcu->avr, (uint32_t)AVR_IOCTL_IOPORT_SET_EXTERNAL(port), &external);
+}
+
 void microcontroller_pin(struct microcontroller *mcu, char port, int bit, bool level)
 {
+    keep_level(mcu, port, bit, level);
     avr_raise_irq(pin_of(mcu, port, bit), level);
 }
 

@@ -9,7 +9,8 @@
  *  4. and 5. the ADC starts in software only and is read under the present ADMUX: so do the programs. It has no noise:
  *     `on_convert` asks for a voltage at each conversion's start;
  *  6. INT0 and INT1 would be polled every cycle after each reset: switched off;
- *  7. it would sleep by the clock on the wall: it does not.
+ *  7. it would sleep by the clock on the wall: it does not;
+ *  8. a program's write to a port would take pulled-up inputs of that port high: it is told what is outside.
  *
  * The receiver holds two bytes, as on silicon: a third unread one is lost, and counted.
  */
@@ -33,6 +34,9 @@ struct wiring { /* what the program's surroundings do, called while it runs; any
     void *owner;
     void (*on_convert)(void *owner, int channel);                /* a conversion starts */
     void (*on_pin)(void *owner, char port, int bit, bool level); /* the program drives a pin of port B or C */
+    bool (*on_bus_start)(void *owner, uint8_t address);          /* on the two-wire bus: whether a part answers */
+    void (*on_bus_byte)(void *owner, uint8_t byte);              /* a byte for the part that answered */
+    uint8_t (*on_bus_ask)(void *owner);                          /* a byte from it */
 };
 
 /* NULL if the program cannot be read. */

@@ -11,12 +11,13 @@ import functools
 import shutil
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from firmware.virtual.native import FIRMWARE, FOLDERS, CompilerError, Native, native
 
-BUILT = FIRMWARE.parent / "build" / "avr"
+BUILT = FIRMWARE.parent / "build"
 PACKAGES = "gcc-avr avr-libc make libsimavr-dev"
+Imu = Literal["analogue", "mpu6050"]
 
 
 class ProgramError(CompilerError):
@@ -31,8 +32,8 @@ class Programs(NamedTuple):
 
 
 @functools.cache
-def programs() -> Programs:
-    """Both programs, up to date. Raises ProgramError with the first complaint."""
+def programs(imu: Imu = "analogue") -> Programs:
+    """Both programs, up to date, for one kind of gyro. Raises ProgramError with the first complaint."""
     if shutil.which("avr-gcc") is None or shutil.which("make") is None:
         raise ProgramError(f"no avr-gcc or no make here (Debian/Ubuntu: apt-get install {PACKAGES})")
     if not (FIRMWARE / "Makefile").exists():
@@ -40,11 +41,13 @@ def programs() -> Programs:
     BUILT.mkdir(parents=True, exist_ok=True)
     with (BUILT / ".lock").open("w") as lock:  # held by one process at a time, until it is closed
         fcntl.flock(lock, fcntl.LOCK_EX)
-        made = subprocess.run(["make", "-C", str(FIRMWARE), "avr"], capture_output=True, text=True, check=False)
+        command = ["make", "-C", str(FIRMWARE), "avr", f"IMU={imu}"]
+        made = subprocess.run(command, capture_output=True, text=True, check=False)
     if made.returncode != 0:
         complaint = next((line for line in made.stderr.splitlines() if "error" in line), made.stderr.strip())
         raise ProgramError(f"the boards' programs do not build: {complaint}")
-    return Programs(BUILT / "drive.elf", BUILT / "sensor.elf")
+    folder = BUILT / ("avr" if imu == "analogue" else f"avr-{imu}")
+    return Programs(folder / "drive.elf", folder / "sensor.elf")
 
 
 def simulator() -> Native:

@@ -130,20 +130,36 @@ static void on_sensor_pin(void *owner, char port, int bit, bool level)
     }
 }
 
+static bool on_bus_start(void *owner, uint8_t address)
+{
+    return imu_part_start(&((struct avr_robot *)owner)->imu, address);
+}
+
+static void on_bus_byte(void *owner, uint8_t byte)
+{
+    imu_part_take(&((struct avr_robot *)owner)->imu, byte);
+}
+
+static uint8_t on_bus_ask(void *owner)
+{
+    return imu_part_give(&((struct avr_robot *)owner)->imu);
+}
+
 struct avr_robot *avr_robot_new(const char *drive_elf, const char *sensor_elf, const struct caster *walls,
                                 const double pose[3], uint64_t seed)
 {
     struct avr_robot *robot = calloc(1, sizeof *robot);
     if (!robot)
         return NULL;
-    const struct wiring drive = {robot, on_drive_convert, on_drive_pin};
-    const struct wiring sensor = {robot, on_sensor_convert, on_sensor_pin};
+    const struct wiring drive = {robot, on_drive_convert, on_drive_pin, on_bus_start, on_bus_byte, on_bus_ask};
+    const struct wiring sensor = {robot, on_sensor_convert, on_sensor_pin, NULL, NULL, NULL};
     body_init(&robot->body, walls, seed);
     robot->body.x = pose[0];
     robot->body.y = pose[1];
     robot->body.heading = pose[2];
     robot->body.is_held = true;
     inertial_init(&robot->inertial, seed);
+    imu_part_init(&robot->imu, seed);
     rangefinders_init(&robot->rangefinders, walls, seed);
     bystander_init(&robot->bystander);
     robot->drive = microcontroller_new(drive_elf, &drive);
@@ -168,7 +184,7 @@ void avr_robot_duties(const struct avr_robot *robot, double duties[2])
     const bool is_braked = microcontroller_output(robot->drive, 'C', 6);
     for (int side = 0; side < 2; side++) {
         const double duty = is_braked ? 0.0 : microcontroller_pwm(robot->drive, side);
-        duties[side] = microcontroller_output(robot->drive, 'C', side) ? duty : -duty;
+        duties[side] = microcontroller_output(robot->drive, 'D', 6 + side) ? duty : -duty;
     }
 }
 
@@ -262,6 +278,7 @@ bool avr_robot_advance(struct avr_robot *robot, int32_t ms)
     for (int32_t i = 0; i < ms && !robot->has_crashed; i++) {
         const struct place place = place_of(robot);
         bystander_note(&robot->bystander, robot->now_ms, &place);
+        imu_part_measure(&robot->imu, &robot->body);
         robot->has_crashed = !run_drive(robot) || !run_sensor(robot);
         collect(robot);
         move(robot);

@@ -8,6 +8,7 @@
 #define CRUNCH_VIRTUAL_AVR_ROBOT_H
 
 #include "bystander.h"
+#include "imu_part.h"
 #include "microcontroller.h"
 
 #define AVR_ROBOT_BYTES 8192
@@ -23,7 +24,8 @@ struct avr_robot {
     uint64_t now_ms;   /* since the boards were switched on */
     uint64_t start_ms; /* where simulated time begins */
     struct body body;
-    struct gyro_and_accelerometer inertial;
+    struct gyro_and_accelerometer inertial; /* on the converter, and */
+    struct imu_part imu;                    /* on the bus: the program reads the one or the other */
     struct rangefinders rangefinders;
     struct microcontroller *drive, *sensor;
     double infrared_distances[SENSOR_COUNT];

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware.virtual.avr.programs import ProgramError, programs, simulator
+from firmware.virtual.avr.programs import Imu, ProgramError, programs, simulator
 from firmware.virtual.host import DRIFTS, STATES, Drift
 from firmware.virtual.native import native
 from firmware.virtual.on_air import OnAir
@@ -19,8 +19,8 @@ class AvrCrunch(OnAir):
     """A Crunch with both boards under simavr: the bytes at its two ends are the real robot's.
 
     A hand holds it upright at `start` until a command has armed the drive board. `drift` names how wheels and floor
-    differ. The truth is noted by a bystander who hears the frames. Same seed, same bytes. Raises ProgramError where the
-    programs cannot be built or simavr is missing.
+    differ, `imu` which gyro and accelerometer the drive board's program reads. The truth is noted by a bystander who
+    hears the frames. Same seed, same bytes. Raises ProgramError where the programs do not build or simavr is missing.
     """
 
     def __init__(
@@ -30,9 +30,10 @@ class AvrCrunch(OnAir):
         seed: int = 0,
         drift: Drift = "medium",
         radio: Radio | None = None,
+        imu: Imu = "analogue",
     ):
         super().__init__(radio, seed)
-        paths = programs()
+        paths = programs(imu)
         ffi, lib, _ = simulator()
         self.ffi, self.lib, self.world = ffi, lib, world
         walls = ffi.cast("struct caster *", int(native().ffi.cast("uintptr_t", world.caster)))  # the same C made both
