@@ -4,9 +4,6 @@
 #include <math.h>
 
 #define GRAVITY 9.81
-#define MASS 2.6             /* kg above the axle */
-#define CENTRE 0.135         /* m from the axle to the centre of mass */
-#define INERTIA 0.025        /* kg m2 about the centre of mass */
 #define WHEELS_MASS 0.30     /* kg, both */
 #define YAW_INERTIA 0.022    /* kg m2, wheels and rotors included */
 #define STALL_TORQUE 1.2     /* N m of one motor at the nominal voltage */
@@ -15,6 +12,9 @@
 #define FRICTION 0.02        /* N m, Coulomb, one wheel */
 #define FRICTION_SPEED 0.05  /* rad/s below which it fades */
 #define SCRUB 0.02           /* N m s: tyres that turn on the spot */
+#define SPIN_INERTIA 0.0008  /* kg m2, one wheel with its rotor: all that a motor turns in the air */
+#define JAM_STIFFNESS 300.0  /* N m/rad of what blocks a wheel */
+#define JAM_DAMPING 1.0      /* N m s/rad */
 #define DECK_HEIGHT 0.10     /* m above the axle where walls and hands touch */
 #define LYING_TILT 1.35      /* rad: the body rests on the floor */
 #define WALL_STIFFNESS 3000.0 /* N/m */
@@ -38,7 +38,12 @@ static void draw_knot(struct slip *slip)
 
 void body_init(struct body *body, const struct caster *walls, uint64_t seed)
 {
-    const struct body fresh = {.walls = walls, .battery = {.charge = 0.95 * CAPACITY}};
+    const struct body fresh = {
+        .walls = walls,
+        .battery = {.charge = 0.95 * CAPACITY},
+        .physique = {.mass = 2.6, .centre = 0.135, .inertia = 0.025},
+        .push_height = DECK_HEIGHT,
+    };
     *body = fresh;
     noise_init(&body->slip.noise, seed, 1);
     battery_drain(&body->battery, ELECTRONICS, 0.0);
@@ -94,13 +99,22 @@ void battery_drain(struct battery *battery, double amperes, double seconds)
     battery->volts = CELLS * cell_volts(battery->charge / CAPACITY) - amperes * PACK_RESISTANCE;
 }
 
-/* Torque of one motor on its wheel, and its current: back-EMF and Coulomb friction. */
+void body_block(struct body *body, int side)
+{
+    body->is_blocked[side] = true;
+    body->jam[side] = body->wheels[side];
+}
+
+/* Torque of one motor on its wheel, and its current: back-EMF, Coulomb friction, and what blocks the wheel. */
 static double motor(struct body *body, int side, double duty, double wheel_rate)
 {
     const double drive = duty * body->battery.volts / BODY_NOMINAL_VOLTS - wheel_rate / FREE_SPEED;
     const double friction = fmax(-1.0, fmin(1.0, wheel_rate / FRICTION_SPEED)) * FRICTION;
     body->motor_amperes[side] = STALL_CURRENT * drive;
-    return STALL_TORQUE * drive - friction;
+    const double torque = STALL_TORQUE * drive - friction;
+    if (!body->is_blocked[side])
+        return torque;
+    return torque - JAM_STIFFNESS * (body->wheels[side] - body->jam[side]) - JAM_DAMPING * wheel_rate;
 }
 
 /* Force of the walls on the decks; the part across the heading moves the body at once, as its tyres give way. */
@@ -129,15 +143,16 @@ static double touch_walls(struct body *body)
 }
 
 /* Accelerations of axle and tilt for the wheels' summed torque (Lagrange; coupling through the body's mass). */
-static void accelerate(struct body *body, double torque, double push)
+static void accelerate(struct body *body, double torque, double wall)
 {
+    const double mass = body->physique.mass, centre = body->physique.centre;
     const double wheel_inertia = 0.5 * WHEELS_MASS; /* of rolling, divided by the radius squared */
     const double s = sin(body->tilt), c = cos(body->tilt);
-    const double a11 = MASS + WHEELS_MASS + wheel_inertia, a12 = MASS * CENTRE * c;
-    const double a22 = INERTIA + MASS * CENTRE * CENTRE;
-    const double b1 = torque / BODY_WHEEL_RADIUS + MASS * CENTRE * s * body->tilt_rate * body->tilt_rate + push;
-    const double b2 = -torque + MASS * GRAVITY * CENTRE * s + push * DECK_HEIGHT * c +
-                      MASS * CENTRE * CENTRE * body->turn_rate * body->turn_rate * s * c;
+    const double a11 = mass + WHEELS_MASS + wheel_inertia, a12 = mass * centre * c;
+    const double a22 = body->physique.inertia + mass * centre * centre;
+    const double b1 = torque / BODY_WHEEL_RADIUS + mass * centre * s * body->tilt_rate * body->tilt_rate + body->push + wall;
+    const double b2 = -torque + mass * GRAVITY * centre * s + (body->push * body->push_height + wall * DECK_HEIGHT) * c +
+                      mass * centre * centre * body->turn_rate * body->turn_rate * s * c;
     const double determinant = a11 * a22 - a12 * a12;
     body->acceleration = (a22 * b1 - a12 * b2) / determinant;
     body->tilt_rate += (a11 * b2 - a12 * b1) / determinant * BODY_DT;
@@ -157,29 +172,54 @@ static void lie_on_floor(struct body *body)
 static void stand_held(struct body *body)
 {
     body->tilt = body->tilt_rate = body->speed = body->turn_rate = body->acceleration = 0.0;
+    body->wheel_rates[0] = body->wheel_rates[1] = 0.0;
     body->motor_amperes[0] = body->motor_amperes[1] = 0.0;
     battery_drain(&body->battery, ELECTRONICS, BODY_DT);
 }
 
-static void move(struct body *body, const double wheel_rates[2])
+/* Held in the air as it leans: only the wheels move. */
+static void spin(struct body *body, const double duties[2])
+{
+    body->tilt_rate = body->speed = body->turn_rate = body->acceleration = 0.0;
+    for (int side = 0; side < 2; side++) {
+        body->wheel_rates[side] += motor(body, side, duties[side], body->wheel_rates[side]) / SPIN_INERTIA * BODY_DT;
+        body->wheels[side] += body->wheel_rates[side] * BODY_DT;
+    }
+}
+
+static void move(struct body *body)
 {
     const double middle = body->heading + 0.5 * body->turn_rate * BODY_DT;
     body->x += body->speed * cos(middle) * BODY_DT;
     body->y += body->speed * sin(middle) * BODY_DT;
     body->heading += body->turn_rate * BODY_DT;
     body->tilt += body->tilt_rate * BODY_DT;
-    body->wheels[0] += wheel_rates[0] * BODY_DT;
-    body->wheels[1] += wheel_rates[1] * BODY_DT;
+    body->wheels[0] += body->wheel_rates[0] * BODY_DT;
+    body->wheels[1] += body->wheel_rates[1] * BODY_DT;
     advance_slip(body);
     lie_on_floor(body);
 }
 
-static void wheel_rates_of(const struct body *body, double rates[2])
+static void roll(struct body *body)
 {
+    double *rates = body->wheel_rates;
     double rolling, turning;
     wheel_motion(body, &rolling, &turning);
     rates[0] = (rolling - 0.5 * BODY_TRACK * turning) / BODY_WHEEL_RADIUS - body->tilt_rate;
     rates[1] = (rolling + 0.5 * BODY_TRACK * turning) / BODY_WHEEL_RADIUS - body->tilt_rate;
+}
+
+/* On its wheels. */
+static void drive(struct body *body, const double duties[2])
+{
+    roll(body);
+    const double left = motor(body, 0, duties[0], body->wheel_rates[0]);
+    const double right = motor(body, 1, duties[1], body->wheel_rates[1]);
+    const double yaw = (right - left) * 0.5 * BODY_TRACK / BODY_WHEEL_RADIUS - SCRUB * body->turn_rate;
+    accelerate(body, left + right, touch_walls(body));
+    body->turn_rate += yaw / YAW_INERTIA * BODY_DT;
+    roll(body);
+    move(body);
 }
 
 void body_step(struct body *body, const double duties[2])
@@ -188,15 +228,10 @@ void body_step(struct body *body, const double duties[2])
         stand_held(body);
         return;
     }
-    double rates[2];
-    wheel_rates_of(body, rates);
-    const double left = motor(body, 0, duties[0], rates[0]);
-    const double right = motor(body, 1, duties[1], rates[1]);
-    const double yaw = (right - left) * 0.5 * BODY_TRACK / BODY_WHEEL_RADIUS - SCRUB * body->turn_rate;
-    accelerate(body, left + right, body->push + touch_walls(body));
-    body->turn_rate += yaw / YAW_INERTIA * BODY_DT;
-    wheel_rates_of(body, rates);
-    move(body, rates);
+    if (body->is_lifted)
+        spin(body, duties);
+    else
+        drive(body, duties);
     const double driven = duties[0] * body->motor_amperes[0] + duties[1] * body->motor_amperes[1];
     battery_drain(&body->battery, ELECTRONICS + driven, BODY_DT);
 }

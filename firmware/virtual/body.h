@@ -40,16 +40,28 @@ struct battery {
     double amperes;  /* drawn */
 };
 
+struct physique { /* of all above the axle; may be varied before the first step */
+    double mass;    /* kg */
+    double centre;  /* m from the axle to the centre of mass */
+    double inertia; /* kg m2 about the centre of mass */
+};
+
 struct body {
+    struct physique physique;
     double x, y, heading;
     double speed, turn_rate;      /* true, over the floor */
     double tilt, tilt_rate;
     double acceleration;          /* of the axle, forward */
     double wheels[2];             /* rad against the body, left and right */
+    double wheel_rates[2];        /* rad/s */
     double motor_amperes[2];
-    double push;                  /* N forward at the decks; a test's or a person's hand */
+    double push;                  /* N forward; a test's or a person's hand, */
+    double push_height;           /* m above the axle; the decks' unless changed */
     double clearance;             /* m that it may still move before walls must be looked for */
     bool is_held;                 /* a hand keeps it upright and in its place */
+    bool is_lifted;               /* a hand keeps it in the air, as it leaned */
+    bool is_blocked[2];           /* something holds a wheel to the body, */
+    double jam[2];                /* rad at which it does */
     bool is_touching;
     struct battery battery;
     struct slip slip;
@@ -61,6 +73,9 @@ void body_init(struct body *body, const struct caster *walls, uint64_t seed);
 /* Sets the slip's deviations; the run's biases are drawn from the body's seed. */
 void body_set_slip(struct body *body, double distance, double turn, double distance_bias, double turn_bias,
                    double rotation_bias);
+
+/* Blocks the left (0) or the right (1) wheel where it stands. */
+void body_block(struct body *body, int side);
 
 /* One step of BODY_DT with the motors' duties (-1 to 1). */
 void body_step(struct body *body, const double duties[2]);

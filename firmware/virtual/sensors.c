@@ -12,6 +12,7 @@
 #define ACCELEROMETER_NOISE 1.5
 #define GYRO_ZERO_SPREAD 10.0     /* counts from part to part */
 #define ACCELEROMETER_ZERO_SPREAD 0.5
+#define READINGS_PER_SECOND 1000.0
 
 #define SONAR_FADE 2.0            /* m; weaker echoes from here on */
 #define SONAR_NOISE 0.008         /* m */
@@ -43,12 +44,15 @@ void inertial_init(struct gyro_and_accelerometer *parts, uint64_t seed)
 {
     noise_init(&parts->noise, seed, 2);
     parts->gyro_zero = ADC_MIDDLE + GYRO_ZERO_SPREAD * noise_normal(&parts->noise);
+    parts->gyro_walk = 0.0;
     parts->accelerometer_zero = ADC_MIDDLE + ACCELEROMETER_ZERO_SPREAD * noise_normal(&parts->noise);
 }
 
 void inertial_read(struct gyro_and_accelerometer *parts, const struct body *body, uint16_t *gyro,
                    uint16_t *accelerometer)
 {
+    if (parts->gyro_walk > 0.0)
+        parts->gyro_zero += parts->gyro_walk / sqrt(READINGS_PER_SECOND) * noise_normal(&parts->noise);
     const double along = sin(body->tilt) - body->acceleration * cos(body->tilt) / GRAVITY;
     *gyro = converted(parts->gyro_zero + GYRO_COUNTS * body->tilt_rate +
                       GYRO_NOISE * noise_normal(&parts->noise) + 0.5);
