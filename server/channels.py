@@ -37,7 +37,10 @@ VERSION_BYTE = bytes((PROTOCOL_VERSION,))
 HOST, DRIVE, SENSOR = 0, 1, 2
 SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor"}
 STATES = ("disarmed", "armed", "fallen", "link lost", "fault")
-REASONS = ("none", "command", "fell", "link", "stall", "current", "battery", "sensor", "charger", "boot")
+REASONS = (
+    "none", "command", "fell", "link", "stall", "current", "battery", "sensor", "charger", "boot",
+    "blocked", "lifted", "disagreement",
+)  # fmt: skip
 
 SONAR_SLOT_MS = 40
 NO_RETURN = 0xFFFF

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "balance.h"
 
+#include <stdbool.h>
+
 #define NOMINAL_BATTERY 28.8f /* V */
 #define LOWEST_BATTERY 20.0f  /* V; below this the reading is not believed */
 #define ACCELERATION 0.5f     /* m/s2: how fast the commanded speed may change */
@@ -10,6 +12,10 @@
 #define SOFT_START_TIME 0.7f  /* s from arming to full duty */
 #define SOFT_START_DUTY 0.4f
 #define MAX_TURN_DUTY 0.35f   /* turning never takes what balancing needs */
+#define SETTLED_TIME 4.0f     /* s of standing after which what driving left has died away */
+#define WANDER 0.04f          /* m that noise alone makes it wander */
+#define TRIM_RATE 0.048f      /* rad/s per m: time constant of 5 s, the loop's slowest own one is 1.2 s */
+#define MAX_TRIM 0.12f        /* rad */
 
 /* Linear-quadratic design for the estimated body (2.6 kg, its centre 0.135 m above the axle): closed-loop poles at
  * -4.7 +- 1.0i, -0.85 and -118 per second. */
@@ -35,6 +41,7 @@ static float toward(float value, float wanted, float step)
 void balance_init(struct balance *balance)
 {
     balance->gains = BALANCE_GAINS;
+    balance->trim = 0.0f;
     balance_rest(balance);
 }
 
@@ -43,6 +50,7 @@ void balance_rest(struct balance *balance)
     balance->wanted_speed = balance->wanted_turn = 0.0f;
     balance->ahead = balance->heading_ahead = 0.0f;
     balance->soft_start = 0.0f;
+    balance->standing = 0.0f;
 }
 
 static void follow_wish(struct balance *balance, const struct rolled *rolled, const struct drive_wish *wish)
@@ -52,6 +60,18 @@ static void follow_wish(struct balance *balance, const struct rolled *rolled, co
     balance->ahead = clamp(balance->ahead + rolled->distance - balance->wanted_speed * BALANCE_DT, LEASH);
     balance->heading_ahead =
         clamp(balance->heading_ahead + rolled->angle - balance->wanted_turn * BALANCE_DT, HEADING_LEASH);
+}
+
+/* What stands still but away from its place leans on a wrong zero: of its accelerometer, or of its own weight's place.
+ * Only then: against a wall, or while it drives, there are other reasons to be away. */
+static void trim_lean(struct balance *balance, const struct drive_wish *wish)
+{
+    const bool is_told_to_stand = wish->speed == 0.0f && wish->turn == 0.0f && balance->wanted_speed == 0.0f;
+    balance->standing = is_told_to_stand ? toward(balance->standing, SETTLED_TIME, BALANCE_DT) : 0.0f;
+    if (balance->standing < SETTLED_TIME)
+        return;
+    const float away = balance->ahead - clamp(balance->ahead, WANDER);
+    balance->trim = clamp(balance->trim + away * (TRIM_RATE * BALANCE_DT), MAX_TRIM);
 }
 
 static float duty_limit(struct balance *balance)
@@ -68,8 +88,9 @@ struct duties balance_step(struct balance *balance, const struct lean *lean, con
 {
     const struct balance_gains *gains = &balance->gains;
     follow_wish(balance, rolled, wish);
+    trim_lean(balance, wish);
     /* Fore and aft the sum is positive: to stop rolling forward the wheels first hurry ahead of the body's lean. */
-    const float upright = gains->tilt * lean->tilt + gains->tilt_rate * lean->rate +
+    const float upright = gains->tilt * (lean->tilt + balance->trim) + gains->tilt_rate * lean->rate +
                           gains->speed * (rolled->speed - balance->wanted_speed) + gains->position * balance->ahead;
     const float turn = gains->feed_turn * balance->wanted_turn -
                        gains->turn_rate * (rolled->turn_rate - balance->wanted_turn) -

@@ -3,7 +3,7 @@
  * The balance law (thesis 1.1, after nBot): each wheel is driven by a linear sum of tilt, tilt rate, wheel velocity and
  * error from the commanded position. A forward command is subtracted from the velocity and moves the commanded position
  * at the same speed; a turn command is added to one wheel and subtracted from the other, which does not alter the
- * fore/aft balance. Pure: no registers, no globals; the host's build gives the same bits.
+ * fore/aft balance. A slow trim, learned while it stands, takes out what the lean's zero is wrong by. Pure: no registers, no globals; the host's build gives the same bits.
  */
 #ifndef CRUNCH_DRIVE_BALANCE_H
 #define CRUNCH_DRIVE_BALANCE_H
@@ -31,6 +31,8 @@ struct balance {
     float ahead;        /* actual minus commanded position, m */
     float heading_ahead; /* actual minus commanded heading, rad */
     float soft_start;   /* 0 to 1: share of the full duty allowed */
+    float standing;     /* s since it was told to stand still, up to a few */
+    float trim;         /* rad added to the lean, learned while standing; survives balance_rest */
 };
 
 struct lean {
@@ -51,7 +53,7 @@ struct duties { /* -1 to 1 of the battery's voltage */
 /* Stands at the present place with the motors off, with BALANCE_GAINS. */
 void balance_init(struct balance *balance);
 
-/* The same, with the gains it has. */
+/* The same, with the gains and the trim it has. */
 void balance_rest(struct balance *balance);
 
 /* One step of 5 ms. `battery` is volts; the gains grow as it sags. */

@@ -99,20 +99,30 @@ uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *sam
 static struct drive_health health_of(const struct drive_loop *loop, const struct drive_samples *samples, bool is_rested,
                                      const struct rolled *rolled)
 {
-    const float turning = magnitude(rolled->turn_rate) * 0.5f * ODOMETRY_TRACK;
+    const float turning = rolled->turn_rate * 0.5f * ODOMETRY_TRACK;
+    const float forward = loop->odometry.forward.speed;
     const struct supplies *supplies = &samples->supplies;
     const int16_t left = supplies->motor_ma[0], right = supplies->motor_ma[1];
     const struct drive_health health = {
         .tilt = loop->tilt.angle,
         .is_rested = is_rested,
         .rail_steps = loop->tilt.rail_steps,
-        .duty = greater(magnitude(loop->duties.left), magnitude(loop->duties.right)),
-        .wheel_speed = magnitude(loop->odometry.forward.speed) + turning,
+        .accord = agreement_judge(&loop->agreement),
+        .duty = {magnitude(loop->duties.left), magnitude(loop->duties.right)},
+        .wheel_speed = {magnitude(forward - turning), magnitude(forward + turning)},
         .battery_mv = supplies->battery_mv,
         .charger_mv = supplies->charger_mv,
         .motor_ma = (uint16_t)greater(magnitude((float)left), magnitude((float)right)),
     };
     return health;
+}
+
+static void compare(struct drive_loop *loop, const struct rolled *rolled, const struct inertial_sums *sums)
+{
+    if (supervisor_is_balancing(&loop->supervisor))
+        agreement_step(&loop->agreement, rolled->speed, loop->tilt.angle, tilt_of_gravity(&loop->tilt, sums));
+    else
+        agreement_rest(&loop->agreement, rolled->speed);
 }
 
 static void motors_off(struct drive_loop *loop)
@@ -130,6 +140,7 @@ uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *sam
         loop->tilt.is_rested = false;
     const struct rolled rolled =
         odometry_step(&loop->odometry, samples->left_ticks, samples->right_ticks, loop->tilt.rate);
+    compare(loop, &rolled, &samples->inertial);
     const struct drive_health health = health_of(loop, samples, is_rested, &rolled);
     if (supervisor_step(&loop->supervisor, &health)) {
         const struct lean lean = {loop->tilt.angle, loop->tilt.rate};

@@ -8,6 +8,7 @@
 #define CRUNCH_DRIVE_LOOP_H
 
 #include "../link/teller.h"
+#include "agreement.h"
 #include "power.h"
 #include "supervisor.h"
 #include "telemetry.h"
@@ -23,6 +24,7 @@ struct drive_loop {
     struct teller teller;
     struct tilt tilt;
     struct odometry odometry;
+    struct agreement agreement;
     struct balance balance;
     struct supervisor supervisor;
     struct telemetry telemetry;

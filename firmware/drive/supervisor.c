@@ -5,7 +5,7 @@
 #define MAX_TURN 3.0f        /* rad/s */
 #define SATURATED_DUTY 0.95f
 #define STUCK_DUTY 0.3f
-#define STUCK_SPEED 0.005f   /* m/s */
+#define STUCK_SPEED 0.02f    /* m/s: one tick of the encoder's now and then */
 #define STALL_MS 400
 #define MAX_CURRENT_MA 5000
 #define CURRENT_MS 20
@@ -35,7 +35,8 @@ static void switch_off(struct supervisor *supervisor, uint8_t state, uint8_t rea
     supervisor->state = state;
     supervisor->reason = reason;
     supervisor->is_arm_wanted = false;
-    supervisor->upright_ms = supervisor->saturated_ms = supervisor->stuck_ms = supervisor->current_ms = 0;
+    supervisor->upright_ms = supervisor->saturated_ms = supervisor->current_ms = 0;
+    supervisor->stuck_ms[0] = supervisor->stuck_ms[1] = 0;
     halt(supervisor);
 }
 
@@ -113,12 +114,27 @@ static void judge_arming(struct supervisor *supervisor, const struct drive_healt
     halt(supervisor);
 }
 
+/* A robot that balances on one wheel drives the blocked one back and forth: only motion ends the count. */
+static uint16_t judge_stuck(uint16_t ms, float duty, float speed)
+{
+    if (speed > STUCK_SPEED)
+        return 0;
+    return duty > STUCK_DUTY ? lasting(ms, true) : ms;
+}
+
+static void count_hazards(struct supervisor *supervisor, const struct drive_health *health)
+{
+    const bool is_saturated = health->duty[0] > SATURATED_DUTY || health->duty[1] > SATURATED_DUTY;
+    supervisor->saturated_ms = lasting(supervisor->saturated_ms, is_saturated);
+    for (uint8_t side = 0; side < 2; side++)
+        supervisor->stuck_ms[side] =
+            judge_stuck(supervisor->stuck_ms[side], health->duty[side], health->wheel_speed[side]);
+    supervisor->current_ms = lasting(supervisor->current_ms, health->motor_ma > MAX_CURRENT_MA);
+}
+
 static void judge_hazards(struct supervisor *supervisor, const struct drive_health *health)
 {
-    const bool is_stuck = health->duty > STUCK_DUTY && health->wheel_speed < STUCK_SPEED;
-    supervisor->saturated_ms = lasting(supervisor->saturated_ms, health->duty > SATURATED_DUTY);
-    supervisor->stuck_ms = lasting(supervisor->stuck_ms, is_stuck);
-    supervisor->current_ms = lasting(supervisor->current_ms, health->motor_ma > MAX_CURRENT_MA);
+    count_hazards(supervisor, health);
     /* A fast fall takes the gyro to its rail and the motors to their limit first: it is called by its name. */
     const bool is_helpless = health->rail_steps >= RAIL_STEPS || supervisor->saturated_ms >= STALL_MS;
     const bool is_falling = is_helpless && !is_within(health->tilt, SUPERVISOR_LOST_TILT);
@@ -128,7 +144,13 @@ static void judge_hazards(struct supervisor *supervisor, const struct drive_heal
         switch_off(supervisor, DRIVE_FAULT, STOP_SENSOR);
     else if (supervisor->current_ms >= CURRENT_MS)
         switch_off(supervisor, DRIVE_FAULT, STOP_CURRENT);
-    else if (supervisor->saturated_ms >= STALL_MS || supervisor->stuck_ms >= STALL_MS)
+    else if (supervisor->stuck_ms[0] >= STALL_MS || supervisor->stuck_ms[1] >= STALL_MS)
+        switch_off(supervisor, DRIVE_FAULT, STOP_BLOCKED);
+    else if (health->accord == ACCORD_WHEELS_ALONE)
+        switch_off(supervisor, DRIVE_FAULT, STOP_LIFTED);
+    else if (health->accord == ACCORD_BODY_ALONE)
+        switch_off(supervisor, DRIVE_FAULT, STOP_DISAGREEMENT);
+    else if (supervisor->saturated_ms >= STALL_MS)
         switch_off(supervisor, DRIVE_FAULT, STOP_STALL);
 }
 

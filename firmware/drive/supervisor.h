@@ -7,14 +7,19 @@
  * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again. Beyond   |
  * |                | 0.25 rad, too, where motors or gyro are at their limit                                  |
  * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
- * | stall          | duty above 0.95, or above 0.3 with the wheels still, for 0.4 s: off                     |
+ * | stall          | a duty above 0.95 for 0.4 s: off                                                        |
+ * | blocked wheel  | a duty above 0.3 for 0.4 s in all while its wheel stands still: off                     |
+ * | picked up      | the wheels gain 0.6 m/s that the body does not (agreement.h): off                       |
  * | over-current   | a motor above 5 A for 20 ms: off                                                        |
  * | battery        | below 24 V no moves; charger connected: no moves                                        |
  * | sensor dead    | gyro or accelerometer at an end of its range for 100 ms: off                            |
+ * | sensors part   | gyro and accelerometer tell of 0.6 m/s that the wheels do not (agreement.h): off        |
+ * | hang           | the watchdog resets the board after 120 ms (avr/watchdog.h): off, and disarmed           |
  */
 #ifndef CRUNCH_DRIVE_SUPERVISOR_H
 #define CRUNCH_DRIVE_SUPERVISOR_H
 
+#include "agreement.h"
 #include "command.h"
 
 #define SUPERVISOR_STEP_MS 5
@@ -28,8 +33,9 @@ struct drive_health { /* what one step of the loop knows */
     float tilt;
     bool is_rested;     /* the gyro's zero is known and the body is still */
     uint16_t rail_steps;
-    float duty;         /* greater of the two magnitudes of the last step, 0 to 1 */
-    float wheel_speed;  /* greater of the two magnitudes against the body, m/s */
+    enum accord accord;
+    float duty[2];        /* left and right, magnitudes of the last step, 0 to 1 */
+    float wheel_speed[2]; /* magnitudes against the body, m/s */
     uint16_t battery_mv;
     uint16_t charger_mv;
     uint16_t motor_ma;  /* greater of the two magnitudes */
@@ -45,7 +51,7 @@ struct supervisor {
     uint16_t silent_ms;  /* since the last valid command; stays at its maximum */
     uint16_t upright_ms; /* counters of conditions that must last */
     uint16_t saturated_ms;
-    uint16_t stuck_ms;
+    uint16_t stuck_ms[2]; /* left and right */
     uint16_t current_ms;
 };
 

@@ -6,6 +6,7 @@
 #define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
 #define STILL_STEPS 200      /* 1 s */
 #define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
+#define MAX_LEVEL 41.0f      /* counts from the middle, 0.2 g: a part beyond it is broken, or held askew */
 #define RAIL_LOW (4u * TILT_OVERSAMPLING)
 #define RAIL_HIGH (1019u * TILT_OVERSAMPLING)
 
@@ -21,7 +22,7 @@ static bool is_at_rail(uint16_t sum)
 
 static void start_rest(struct tilt *tilt, float rate)
 {
-    tilt->rest_sum = 0.0f;
+    tilt->rest_sum = tilt->level_sum = 0.0f;
     tilt->rest_steps = 0;
     tilt->rest_low = rate;
     tilt->rest_high = rate;
@@ -32,14 +33,20 @@ void tilt_init(struct tilt *tilt)
     tilt->angle = 0.0f;
     tilt->rate = 0.0f;
     tilt->gyro_zero = 0.0f;
+    tilt->accelerometer_zero = tilt->level = TILT_ZERO_COUNTS;
     tilt->rail_steps = 0;
     tilt->is_rested = false;
     start_rest(tilt, 0.0f);
 }
 
-float tilt_of_gravity(const struct inertial_sums *sums)
+static float accelerometer_counts(const struct inertial_sums *sums)
 {
-    float sine = ((float)sums->accelerometer / (float)TILT_OVERSAMPLING - TILT_ZERO_COUNTS) * TILT_G_PER_COUNT;
+    return (float)sums->accelerometer / (float)TILT_OVERSAMPLING;
+}
+
+float tilt_of_gravity(const struct tilt *tilt, const struct inertial_sums *sums)
+{
+    float sine = (accelerometer_counts(sums) - tilt->accelerometer_zero) * TILT_G_PER_COUNT;
     if (sine > 1.0f)
         sine = 1.0f;
     if (sine < -1.0f)
@@ -52,7 +59,7 @@ float tilt_of_gravity(const struct inertial_sums *sums)
 void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)
 {
     tilt->rate = raw_rate(sums) - tilt->gyro_zero;
-    const float disagreement = tilt_of_gravity(sums) - tilt->angle;
+    const float disagreement = tilt_of_gravity(tilt, sums) - tilt->angle;
     tilt->angle += (tilt->rate + disagreement / TIME_CONSTANT) * TILT_DT;
     tilt->gyro_zero -= disagreement * (TILT_DT / (TIME_CONSTANT * TRIM_TIME));
     if (!is_at_rail(sums->gyro) && !is_at_rail(sums->accelerometer))
@@ -73,15 +80,27 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
         start_rest(tilt, rate);
     }
     tilt->rest_sum += rate;
+    tilt->level_sum += accelerometer_counts(sums);
     tilt->rest_steps++;
     if (tilt->rest_steps == STILL_STEPS) {
         tilt->gyro_zero = tilt->rest_sum / (float)STILL_STEPS;
         if (!tilt->is_rested)
-            tilt->angle = tilt_of_gravity(sums);
+            tilt->angle = tilt_of_gravity(tilt, sums);
+        tilt->level = tilt->level_sum / (float)STILL_STEPS;
         tilt->is_rested = true;
         start_rest(tilt, rate); /* and learn on, second by second */
     }
     if (tilt->is_rested) /* a still body leans as gravity says, however it came there */
-        tilt->angle += (tilt_of_gravity(sums) - tilt->angle) * (TILT_DT / REST_TIME_CONSTANT);
+        tilt->angle += (tilt_of_gravity(tilt, sums) - tilt->angle) * (TILT_DT / REST_TIME_CONSTANT);
     return tilt->is_rested;
+}
+
+bool tilt_level(struct tilt *tilt)
+{
+    const float away = tilt->level - TILT_ZERO_COUNTS;
+    if (!tilt->is_rested || away > MAX_LEVEL || away < -MAX_LEVEL)
+        return false;
+    tilt->accelerometer_zero = tilt->level;
+    tilt->angle = 0.0f;
+    return true;
 }

@@ -30,8 +30,11 @@ struct tilt {
     float angle;
     float rate;
     float gyro_zero;     /* rad/s that the gyro shows at rest */
+    float accelerometer_zero; /* counts that the accelerometer shows upright; a setting, TILT_ZERO_COUNTS unless learned */
     float rest_sum;      /* of the raw rate while still, */
+    float level_sum;     /* and of the accelerometer's counts, */
     uint16_t rest_steps; /* over so many steps */
+    float level;         /* the accelerometer's counts in the last whole second of rest */
     float rest_low;      /* extremes of the raw rate in this rest */
     float rest_high;
     bool is_rested;      /* the zero is learned, and the body has been still since */
@@ -47,7 +50,12 @@ void tilt_step(struct tilt *tilt, const struct inertial_sums *sums);
  * accelerometer's. Returns true from then on, until the body moves. */
 bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums);
 
+/* Takes what the accelerometer showed in the last second of rest as upright: for a builder who holds the robot where it
+ * neither falls forward nor backward. Changes nothing and returns false unless it is at rest and within 0.2 g of the
+ * middle. */
+bool tilt_level(struct tilt *tilt);
+
 /* Angle that the accelerometer alone shows. */
-float tilt_of_gravity(const struct inertial_sums *sums);
+float tilt_of_gravity(const struct tilt *tilt, const struct inertial_sums *sums);
 
 #endif

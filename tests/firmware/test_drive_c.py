@@ -13,7 +13,8 @@ from firmware.virtual.native import native
 
 FFI, LIB, _ = native()
 DISARMED, ARMED, FALLEN, LINK_LOST, FAULT = range(5)
-BOOT, COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR, CHARGER = 9, 1, 2, 3, 4, 5, 6, 7, 8
+COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR, CHARGER, BOOT, BLOCKED, LIFTED, DISAGREEMENT = range(1, 13)
+ACCORD, WHEELS_ALONE, BODY_ALONE = range(3)
 REFUSED, DRIVE, STOP, ARM, DISARM = range(5)
 
 
@@ -30,7 +31,7 @@ def command_frame(channel, fields, layout, source=0, spoil=b""):
 
 
 def health(**given_values):
-    values = {"tilt": 0.0, "is_rested": True, "battery_mv": 29000, "wheel_speed": 0.1} | given_values
+    values = {"tilt": 0.0, "is_rested": True, "battery_mv": 29000, "wheel_speed": [0.1, 0.1]} | given_values
     return FFI.new("struct drive_health *", values)
 
 
@@ -83,6 +84,45 @@ def test_rest_learns_the_gyros_zero_in_a_second_and_motion_starts_it_again():
         assert LIB.tilt_rest(tilt, sums(lean=0.0, zero=520.0))
     assert tilt.angle == pytest.approx(0.0, abs=0.005)
     assert not LIB.tilt_rest(tilt, sums(rate=0.5))
+
+
+def test_a_builder_levels_a_crooked_accelerometer_at_rest():
+    tilt = FFI.new("struct tilt *")
+    LIB.tilt_init(tilt)
+    crooked = sums(lean=math.asin(0.1), zero=520.0)
+    assert not LIB.tilt_level(tilt)  # not at rest yet
+    for _ in range(200):
+        LIB.tilt_step(tilt, crooked)
+        LIB.tilt_rest(tilt, crooked)
+    assert tilt.angle == pytest.approx(0.1, abs=0.003)
+    assert LIB.tilt_level(tilt)
+    assert tilt.angle == 0.0
+    assert LIB.tilt_of_gravity(tilt, crooked) == pytest.approx(0.0, abs=1e-3)
+    assert tilt.accelerometer_zero == pytest.approx(512 + 20.48, abs=0.2)
+    lying = sums(lean=1.3)
+    for _ in range(600):
+        LIB.tilt_rest(tilt, lying)
+    assert not LIB.tilt_level(tilt)
+    assert tilt.accelerometer_zero == pytest.approx(512 + 20.48, abs=0.2)
+
+
+def agreement_after(seconds, acceleration=0.0, body=0.0):
+    """Judged after wheels and body have accelerated (m/s2) for so long from standing."""
+    agreement = FFI.new("struct agreement *")
+    LIB.agreement_rest(agreement, 0.0)
+    for i in range(round(seconds / 0.005)):
+        LIB.agreement_step(agreement, acceleration * 0.005 * (i + 1), 0.0, -body / 9.81)
+    return LIB.agreement_judge(agreement)
+
+
+def test_wheels_and_body_agree_or_one_tells_alone():
+    assert agreement_after(0.3, acceleration=3.0, body=3.0) == ACCORD
+    assert agreement_after(5.0, acceleration=0.5) == ACCORD  # what a wrong lean of 3 degrees looks like
+    assert agreement_after(0.2, acceleration=3.0) == ACCORD
+    assert agreement_after(0.3, acceleration=3.0) == WHEELS_ALONE
+    assert agreement_after(0.3, acceleration=-3.0) == WHEELS_ALONE
+    assert agreement_after(0.3, body=3.0) == BODY_ALONE
+    assert agreement_after(0.3, acceleration=-1.0, body=3.0) == BODY_ALONE
 
 
 def test_a_sensor_at_its_rail_is_counted():
@@ -163,6 +203,27 @@ def test_against_a_wall_the_commanded_position_waits():
     assert balance.ahead == pytest.approx(-0.25)
 
 
+def test_the_trim_is_learned_by_standing_away_from_the_place_and_by_nothing_else():
+    balance = FFI.new("struct balance *")
+    LIB.balance_init(balance)
+    still, level, rolled = FFI.new("struct drive_wish *"), FFI.new("struct lean *"), FFI.new("struct rolled *")
+
+    def stand(seconds, ahead, wish=still):
+        for _ in range(round(seconds / 0.005)):
+            balance.ahead = ahead
+            LIB.balance_step(balance, level, rolled, wish, 28.8)
+        return balance.trim
+
+    assert stand(60.0, 0.039) == 0.0  # noise does as much
+    assert stand(3.9, 0.1, FFI.new("struct drive_wish *", [0.0, 1.0])) == 0.0
+    assert stand(3.9, 0.1) == 0.0  # it has just been turning
+    assert stand(1.0, 0.1) == pytest.approx(0.9 * 0.06 * 0.048, rel=0.02)
+    LIB.balance_rest(balance)
+    assert balance.trim > 0.0
+    assert stand(300.0, 0.2) == pytest.approx(0.12)
+    assert stand(300.0, -0.2) == pytest.approx(-0.12)
+
+
 def judge(frame, now=5000):
     return LIB.command_of_frame(frame, now).kind
 
@@ -214,7 +275,7 @@ def test_a_fall_is_latched_until_armed_again():
     assert steps(made, 80)
 
 
-@pytest.mark.parametrize("limit", [{"duty": 1.0}, {"rail_steps": 20}])
+@pytest.mark.parametrize("limit", [{"duty": [1.0, 0.0]}, {"rail_steps": 20}])
 def test_what_is_helpless_and_leans_is_falling(limit):
     made = supervisor(ARMED)
     assert not steps(made, 80, tilt=0.3, **limit)
@@ -244,8 +305,12 @@ def test_refused_commands_are_counted_and_change_nothing():
 @pytest.mark.parametrize(
     ("values", "milliseconds", "reason"),
     [
-        ({"duty": 0.96}, 400, STALL),
-        ({"duty": 0.5, "wheel_speed": 0.0}, 400, STALL),
+        ({"duty": [0.96, 0.0]}, 400, STALL),
+        ({"duty": [0.0, 0.96]}, 400, STALL),
+        ({"duty": [0.5, 0.5], "wheel_speed": [0.0, 0.4]}, 400, BLOCKED),
+        ({"duty": [0.1, 0.5], "wheel_speed": [0.4, 0.0]}, 400, BLOCKED),
+        ({"accord": WHEELS_ALONE}, 5, LIFTED),
+        ({"accord": BODY_ALONE}, 5, DISAGREEMENT),
         ({"motor_ma": 6000}, 20, CURRENT),
         ({"rail_steps": 20}, 5, SENSOR),
     ],
@@ -257,6 +322,20 @@ def test_hazards_switch_off_in_time(values, milliseconds, reason):
         assert steps(made, count - 1, **values)
     assert not steps(made, 1, **values)
     assert (made.state, made.reason) == (FAULT, reason)
+
+
+def test_a_blocked_wheel_is_found_between_the_throws_of_a_robot_that_balances():
+    made = supervisor(ARMED)
+    blocked = {"wheel_speed": [0.0, 0.3]}
+    for _ in range(39):
+        assert steps(made, 2, duty=[0.5, 0.5], **blocked)
+        assert steps(made, 7, duty=[0.1, 0.1], **blocked)
+    assert not steps(made, 2, duty=[0.5, 0.5], **blocked)
+    assert made.reason == BLOCKED
+    made = supervisor(ARMED)
+    for _ in range(100):  # what moves in between is not blocked
+        assert steps(made, 20, duty=[0.5, 0.5], **blocked)
+        assert steps(made, 1, duty=[0.5, 0.5], wheel_speed=[0.05, 0.3])
 
 
 @pytest.mark.parametrize(("values", "reason"), [({"battery_mv": 23900}, BATTERY), ({"charger_mv": 30000}, CHARGER)])

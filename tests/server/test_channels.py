@@ -176,7 +176,7 @@ def test_infrared_beyond_its_reach_is_no_return_and_no_count_is_negative():
         frame(channels.POWER, DRIVE, 60_001, 0, 0, 0, 0, 0),
         frame(channels.POWER, DRIVE, 0, 0, 0, 0, 0, -30_001),
         status(state=5),
-        status(reason=10),
+        status(reason=len(channels.REASONS)),
     ],
 )
 def test_what_no_healthy_board_says_is_implausible(refused):

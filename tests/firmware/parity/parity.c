@@ -49,6 +49,14 @@ static void draw_wish(struct parity *parity)
     supervisor_obey(&parity->loop.supervisor, &command);
 }
 
+/* As after long standing, in which the trim is learned. */
+static void draw_standing(struct parity *parity)
+{
+    parity->loop.supervisor.wish.speed = parity->loop.supervisor.wish.turn = 0.0f;
+    parity->loop.balance.wanted_speed = 0.0f;
+    parity->loop.balance.standing = 4.0f;
+}
+
 static uint8_t tell_floats(const struct drive_loop *loop, uint8_t *out)
 {
     const float floats[] = {
@@ -56,7 +64,8 @@ static uint8_t tell_floats(const struct drive_loop *loop, uint8_t *out)
         loop->tilt.rest_high, loop->odometry.forward.speed, loop->odometry.forward.lag, loop->odometry.turn.speed,
         loop->odometry.turn.lag, loop->balance.wanted_speed, loop->balance.wanted_turn, loop->balance.ahead,
         loop->balance.heading_ahead, loop->balance.soft_start, loop->duties.left, loop->duties.right,
-        loop->supervisor.wish.speed, loop->supervisor.wish.turn,
+        loop->supervisor.wish.speed, loop->supervisor.wish.turn, loop->balance.trim, loop->tilt.level_sum,
+        loop->tilt.level, loop->agreement.wheels, loop->agreement.body,
     };
     _Static_assert(sizeof floats <= PARITY_MAX_STEP - PARITY_OUTBOX, "room for the frames");
     memcpy(out, floats, sizeof floats);
@@ -73,7 +82,11 @@ uint8_t parity_step(struct parity *parity, uint8_t out[PARITY_MAX_STEP])
         loop->supervisor.state = DRIVE_ARMED; /* whatever the random lean did in the last step */
     if (draw(parity, 8) == 0)
         draw_wish(parity);
+    if (draw(parity, 8) == 0)
+        draw_standing(parity);
     drive_loop_step(loop, &parity->samples);
+    if (draw(parity, 64) == 0)
+        tilt_level(&loop->tilt);
     uint8_t size = tell_floats(loop, out);
     memcpy(out + size, parity->outbox.bytes, parity->outbox.size);
     size = (uint8_t)(size + parity->outbox.size);

@@ -8,7 +8,7 @@
 #include "../../../firmware/drive/loop.h"
 
 #define PARITY_OUTBOX 128
-#define PARITY_MAX_STEP (80 + PARITY_OUTBOX)
+#define PARITY_MAX_STEP (96 + PARITY_OUTBOX)
 
 struct parity {
     struct drive_loop loop;
