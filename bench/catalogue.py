@@ -16,6 +16,7 @@ from bench import (
     kernels,
     odometry,
     real,
+    safety,
     scale,
     sonar8,
     speed,
@@ -40,5 +41,6 @@ CATALOGUE: tuple[Bench, ...] = (
     fuzz.BENCH,
     kernels.BENCH,
     speed.BENCH,
+    safety.BENCH,
     *dashboard.BENCHES,
 )

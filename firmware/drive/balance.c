@@ -8,6 +8,8 @@
 #define ACCELERATION 0.5f     /* m/s2: how fast the commanded speed may change */
 #define TURN_ACCELERATION 6.0f /* rad/s2 */
 #define LEASH 0.25f           /* m: against a wall the commanded position waits */
+#define CRUISE 0.3f           /* m/s; a faster robot is ahead of it by more, for the duty that its speed takes: */
+#define LEAD 0.8f             /* m per m/s beyond, on its way only */
 #define HEADING_LEASH 0.5f    /* rad */
 #define SOFT_START_TIME 0.7f  /* s from arming to full duty */
 #define SOFT_START_DUTY 0.4f
@@ -53,11 +55,20 @@ void balance_rest(struct balance *balance)
     balance->standing = 0.0f;
 }
 
+/* Ahead on its way it may be farther than behind, where something may be in the way. */
+static float leashed(float ahead, float wanted_speed)
+{
+    const float most = wanted_speed > CRUISE ? LEASH + LEAD * (wanted_speed - CRUISE) : LEASH;
+    const float least = wanted_speed < -CRUISE ? LEAD * (wanted_speed + CRUISE) - LEASH : -LEASH;
+    return ahead > most ? most : ahead < least ? least : ahead;
+}
+
 static void follow_wish(struct balance *balance, const struct rolled *rolled, const struct drive_wish *wish)
 {
     balance->wanted_speed = toward(balance->wanted_speed, wish->speed, ACCELERATION * BALANCE_DT);
     balance->wanted_turn = toward(balance->wanted_turn, wish->turn, TURN_ACCELERATION * BALANCE_DT);
-    balance->ahead = clamp(balance->ahead + rolled->distance - balance->wanted_speed * BALANCE_DT, LEASH);
+    balance->ahead = leashed(balance->ahead + rolled->distance - balance->wanted_speed * BALANCE_DT,
+                             balance->wanted_speed);
     balance->heading_ahead =
         clamp(balance->heading_ahead + rolled->angle - balance->wanted_turn * BALANCE_DT, HEADING_LEASH);
 }

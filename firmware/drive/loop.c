@@ -105,6 +105,7 @@ static struct drive_health health_of(const struct drive_loop *loop, const struct
     const int16_t left = supplies->motor_ma[0], right = supplies->motor_ma[1];
     const struct drive_health health = {
         .tilt = loop->tilt.angle,
+        .tilt_rate = loop->tilt.rate,
         .is_rested = is_rested,
         .rail_steps = loop->tilt.rail_steps,
         .accord = agreement_judge(&loop->agreement),

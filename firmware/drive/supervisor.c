@@ -3,13 +3,16 @@
 
 #define MAX_SPEED 0.6f       /* m/s that may be asked for */
 #define MAX_TURN 3.0f        /* rad/s */
+#define MAX_WHEEL_SPEED 0.75f /* m/s of the faster wheel: what the motors have left is for balancing */
 #define SATURATED_DUTY 0.95f
 #define STUCK_DUTY 0.3f
 #define STUCK_SPEED 0.02f    /* m/s: one tick of the encoder's now and then */
 #define STALL_MS 400
+#define TUMBLING_RATE 2.5f   /* rad/s: the gyro's range ends at 2.6, and the tilt that it makes comes late */
+#define TUMBLING_MS 50
 #define MAX_CURRENT_MA 5000
 #define CURRENT_MS 20
-#define RAIL_STEPS 20        /* 100 ms: a hard knock takes a sound gyro there for less */
+#define RAIL_STEPS 4         /* 20 ms; a sound part's own range ends a quarter of a volt before the converter's */
 #define EMPTY_BATTERY_MV 24000
 #define CHARGER_MV 5000
 
@@ -35,7 +38,8 @@ static void switch_off(struct supervisor *supervisor, uint8_t state, uint8_t rea
     supervisor->state = state;
     supervisor->reason = reason;
     supervisor->is_arm_wanted = false;
-    supervisor->upright_ms = supervisor->saturated_ms = supervisor->current_ms = 0;
+    supervisor->upright_ms = supervisor->saturated_ms = supervisor->tumbling_ms = 0;
+    supervisor->current_ms = 0;
     supervisor->stuck_ms[0] = supervisor->stuck_ms[1] = 0;
     halt(supervisor);
 }
@@ -50,7 +54,9 @@ static float limited(float value, float limit)
 static void take_wish(struct supervisor *supervisor, const struct drive_wish *wish)
 {
     supervisor->wish.speed = limited(wish->speed, MAX_SPEED);
-    supervisor->wish.turn = limited(wish->turn, MAX_TURN);
+    const float speed = supervisor->wish.speed < 0.0f ? -supervisor->wish.speed : supervisor->wish.speed;
+    const float left_for_turning = (MAX_WHEEL_SPEED - speed) / (0.5f * ODOMETRY_TRACK);
+    supervisor->wish.turn = limited(wish->turn, left_for_turning < MAX_TURN ? left_for_turning : MAX_TURN);
 }
 
 static void ask_to_arm(struct supervisor *supervisor)
@@ -126,6 +132,7 @@ static void count_hazards(struct supervisor *supervisor, const struct drive_heal
 {
     const bool is_saturated = health->duty[0] > SATURATED_DUTY || health->duty[1] > SATURATED_DUTY;
     supervisor->saturated_ms = lasting(supervisor->saturated_ms, is_saturated);
+    supervisor->tumbling_ms = lasting(supervisor->tumbling_ms, !is_within(health->tilt_rate, TUMBLING_RATE));
     for (uint8_t side = 0; side < 2; side++)
         supervisor->stuck_ms[side] =
             judge_stuck(supervisor->stuck_ms[side], health->duty[side], health->wheel_speed[side]);
@@ -135,8 +142,8 @@ static void count_hazards(struct supervisor *supervisor, const struct drive_heal
 static void judge_hazards(struct supervisor *supervisor, const struct drive_health *health)
 {
     count_hazards(supervisor, health);
-    /* A fast fall takes the gyro to its rail and the motors to their limit first: it is called by its name. */
-    const bool is_helpless = health->rail_steps >= RAIL_STEPS || supervisor->saturated_ms >= STALL_MS;
+    /* A fast fall takes gyro and motors to their limits first: it is called by its name. */
+    const bool is_helpless = supervisor->saturated_ms >= STALL_MS || supervisor->tumbling_ms >= TUMBLING_MS;
     const bool is_falling = is_helpless && !is_within(health->tilt, SUPERVISOR_LOST_TILT);
     if (is_falling || !is_within(health->tilt, SUPERVISOR_FALL_TILT))
         switch_off(supervisor, DRIVE_FALLEN, STOP_FELL);

@@ -5,14 +5,14 @@
  * | hazard         | rule                                                                                    |
  * | arming         | asked for, held still for 1 s, then upright within 0.2 rad for 0.4 s                    |
  * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again. Beyond   |
- * |                | 0.25 rad, too, where motors or gyro are at their limit                                  |
+ * |                | 0.25 rad, too, where the motors are at their limit, or gyro at its own for 50 ms        |
  * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
  * | stall          | a duty above 0.95 for 0.4 s: off                                                        |
  * | blocked wheel  | a duty above 0.3 for 0.4 s in all while its wheel stands still: off                     |
  * | picked up      | the wheels gain 0.6 m/s that the body does not (agreement.h): off                       |
  * | over-current   | a motor above 5 A for 20 ms: off                                                        |
  * | battery        | below 24 V no moves; charger connected: no moves                                        |
- * | sensor dead    | gyro or accelerometer at an end of its range for 100 ms: off                            |
+ * | sensor dead    | gyro or accelerometer at an end of the converter's range for 20 ms: off                 |
  * | sensors part   | gyro and accelerometer tell of 0.6 m/s that the wheels do not (agreement.h): off        |
  * | hang           | the watchdog resets the board after 120 ms (avr/watchdog.h): off, and disarmed           |
  */
@@ -31,6 +31,7 @@
 
 struct drive_health { /* what one step of the loop knows */
     float tilt;
+    float tilt_rate;
     bool is_rested;     /* the gyro's zero is known and the body is still */
     uint16_t rail_steps;
     enum accord accord;
@@ -51,6 +52,7 @@ struct supervisor {
     uint16_t silent_ms;  /* since the last valid command; stays at its maximum */
     uint16_t upright_ms; /* counters of conditions that must last */
     uint16_t saturated_ms;
+    uint16_t tumbling_ms;
     uint16_t stuck_ms[2]; /* left and right */
     uint16_t current_ms;
 };

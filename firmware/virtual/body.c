@@ -43,6 +43,7 @@ void body_init(struct body *body, const struct caster *walls, uint64_t seed)
         .battery = {.charge = 0.95 * CAPACITY},
         .physique = {.mass = 2.6, .centre = 0.135, .inertia = 0.025},
         .push_height = DECK_HEIGHT,
+        .contact = 1.0,
     };
     *body = fresh;
     noise_init(&body->slip.noise, seed, 1);
@@ -108,7 +109,7 @@ void body_block(struct body *body, int side)
 /* Torque of one motor on its wheel, and its current: back-EMF, Coulomb friction, and what blocks the wheel. */
 static double motor(struct body *body, int side, double duty, double wheel_rate)
 {
-    const double drive = duty * body->battery.volts / BODY_NOMINAL_VOLTS - wheel_rate / FREE_SPEED;
+    const double drive = duty * body->contact * body->battery.volts / BODY_NOMINAL_VOLTS - wheel_rate / FREE_SPEED;
     const double friction = fmax(-1.0, fmin(1.0, wheel_rate / FRICTION_SPEED)) * FRICTION;
     body->motor_amperes[side] = STALL_CURRENT * drive;
     const double torque = STALL_TORQUE * drive - friction;

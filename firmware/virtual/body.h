@@ -55,6 +55,7 @@ struct body {
     double wheels[2];             /* rad against the body, left and right */
     double wheel_rates[2];        /* rad/s */
     double motor_amperes[2];
+    double contact;               /* share of the battery's voltage that reaches the motors; 1 unless something is bad */
     double push;                  /* N forward; a test's or a person's hand, */
     double push_height;           /* m above the axle; the decks' unless changed */
     double clearance;             /* m that it may still move before walls must be looked for */

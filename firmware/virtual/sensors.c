@@ -10,6 +10,7 @@
 #define ACCELEROMETER_COUNTS 204.8 /* per g */
 #define GYRO_NOISE 1.0            /* counts: sensor, supply and converter together */
 #define ACCELEROMETER_NOISE 1.5
+#define GYRO_SWING 460.0         /* counts from the middle that an ADXRS150 can show: 0.25 V from its supply's ends */
 #define GYRO_ZERO_SPREAD 10.0     /* counts from part to part */
 #define ACCELEROMETER_ZERO_SPREAD 0.5
 #define READINGS_PER_SECOND 1000.0
@@ -54,8 +55,8 @@ void inertial_read(struct gyro_and_accelerometer *parts, const struct body *body
     if (parts->gyro_walk > 0.0)
         parts->gyro_zero += parts->gyro_walk / sqrt(READINGS_PER_SECOND) * noise_normal(&parts->noise);
     const double along = sin(body->tilt) - body->acceleration * cos(body->tilt) / GRAVITY;
-    *gyro = converted(parts->gyro_zero + GYRO_COUNTS * body->tilt_rate +
-                      GYRO_NOISE * noise_normal(&parts->noise) + 0.5);
+    const double shown = parts->gyro_zero + GYRO_COUNTS * body->tilt_rate + GYRO_NOISE * noise_normal(&parts->noise);
+    *gyro = converted(fmax(ADC_MIDDLE - GYRO_SWING, fmin(ADC_MIDDLE + GYRO_SWING, shown)) + 0.5);
     *accelerometer = converted(parts->accelerometer_zero + ACCELEROMETER_COUNTS * along +
                                ACCELEROMETER_NOISE * noise_normal(&parts->noise) + 0.5);
 }

@@ -1,91 +1,22 @@
-"""Hazards of the supervisor's table, inflicted on the real drive board: what it does, how soon, and why."""
+"""Hazards inflicted on the real boards: what they do, how soon, and the reason that they tell."""
 
 import numpy as np
 import pytest
 
+from bench.hazards import HAZARDS, suffer
 from firmware.virtual import Radio
-from tests.firmware.avr_robot import ARMED, DISARMED, FALLEN, FAULT, LINK_LOST, Driven
+from tests.firmware.avr_robot import Driven
+from tests.firmware.avr_tools import need_simavr
 from tests.firmware.virtual_wire import DRIVE, arm_command, drive_command, frames, newest_time, stop_command
 
-COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR_DEAD, CHARGER = range(1, 9)
-GYRO, ACCELEROMETER, BATTERY_INPUT, LEFT_MOTOR = 0, 1, 3, 6
+COMMAND, LINK = 1, 3
 
 
-def ms_until_off(driven, patience=1000):
-    """How long the motors stay on, ms."""
-    for ms in range(patience):
-        if driven.robot.is_off:
-            return ms
-        driven.said += driven.robot.advance(0.001)
-    return patience
-
-
-def told(driven):
-    """(state, reason) as told within half a second."""
-    driven.wait(0.6)
-    return tuple(driven.balance()[4:6])
-
-
-def test_nothing_moves_before_it_is_armed():
-    driven = Driven()
-    for _ in range(150):
-        driven.wait(0.02)
-        assert driven.robot.is_off
-    assert driven.balance()[4] == DISARMED
-    driven.drive(1.0, 0.3)
-    assert driven.robot.is_off
-
-
-def test_a_fall_switches_off_and_is_latched():
-    driven = Driven().stand()
-    driven.robot.push(60.0)
-    while abs(driven.robot.tilt) < 0.7 and not driven.robot.is_off:
-        driven.said += driven.robot.advance(0.001)
-    assert ms_until_off(driven) <= 25  # at its end of 2.6 rad/s the gyro is late
-    assert told(driven) == (FALLEN, FELL)
-    driven.drive(1.0, 0.3)
-    assert driven.robot.is_off
-
-
-def test_without_commands_it_stops_and_goes_on_balancing():
-    driven = Driven(width=12.0, start=(-5.0, 0.0, 0.0)).stand()
-    driven.drive(4.0, 0.4)
-    assert driven.balance()[4] == ARMED
-    driven.wait(0.45)
-    assert tuple(driven.balance()[4:6]) == (LINK_LOST, LINK)
-    driven.wait(3.0)
-    place = driven.robot.pose[0]
-    driven.wait(3.0)
-    assert abs(driven.robot.pose[0] - place) < 0.1
-    assert not driven.robot.is_off
-
-
-@pytest.mark.parametrize(
-    ("channel", "volts", "reason", "limit_ms"),
-    [(LEFT_MOTOR, 4.5, CURRENT, 40), (ACCELEROMETER, 0.0, SENSOR_DEAD, 120), (GYRO, 0.0, None, 120)],
-    ids=["over-current", "accelerometer dead", "gyro dead"],
-)
-def test_a_dead_sensor_or_a_short_circuit_ends_it(channel, volts, reason, limit_ms):
-    driven = Driven().stand()
-    driven.robot.force(channel, volts)
-    assert ms_until_off(driven) <= limit_ms
-    state, why = told(driven)
-    if reason is None:  # a gyro at its rail makes it throw itself over: either name is true
-        assert (state, why) in ((FALLEN, FELL), (FAULT, SENSOR_DEAD))
-    else:
-        assert (state, why) == (FAULT, reason)
-
-
-@pytest.mark.parametrize("hazard", ["battery low", "charger in"])
-def test_it_stands_but_goes_nowhere(hazard):
-    driven = Driven().stand()
-    if hazard == "battery low":
-        driven.robot.force(BATTERY_INPUT, 23.5 / 8.0)
-    else:
-        driven.robot.robot.charger_volts = 30.0
-    driven.drive(3.0, 0.3)
-    assert np.hypot(*driven.robot.pose[:2]) < 0.1
-    assert tuple(driven.balance()[4:6]) == (ARMED, BATTERY if hazard == "battery low" else CHARGER)
+@pytest.mark.parametrize("hazard", HAZARDS, ids=lambda hazard: hazard.name)
+def test_every_row_of_the_safety_table_is_kept_in_time_and_told(hazard):
+    need_simavr()
+    suffered = suffer(hazard, seed=1)
+    assert suffered["is_right"], suffered
 
 
 def test_a_disarm_and_a_stop_are_obeyed_however_late():

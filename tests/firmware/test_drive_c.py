@@ -275,10 +275,13 @@ def test_a_fall_is_latched_until_armed_again():
     assert steps(made, 80)
 
 
-@pytest.mark.parametrize("limit", [{"duty": [1.0, 0.0]}, {"rail_steps": 20}])
-def test_what_is_helpless_and_leans_is_falling(limit):
+def test_what_is_helpless_and_leans_is_falling():
     made = supervisor(ARMED)
-    assert not steps(made, 80, tilt=0.3, **limit)
+    assert not steps(made, 80, tilt=0.3, duty=[1.0, 0.0])
+    assert (made.state, made.reason) == (FALLEN, FELL)
+    made = supervisor(ARMED)
+    assert steps(made, 9, tilt=-0.3, tilt_rate=-2.6)
+    assert not steps(made, 1, tilt=-0.3, tilt_rate=-2.6)
     assert (made.state, made.reason) == (FALLEN, FELL)
 
 
@@ -293,6 +296,18 @@ def test_silence_stops_the_drive_but_not_the_balance():
     assert (wish.speed, wish.turn) == (0.0, 0.0)
     obey(made, DRIVE, 0.2)
     assert made.state == ARMED
+
+
+def test_a_fast_robot_turns_less_so_that_its_motors_can_balance():
+    made = supervisor(ARMED)
+    for speed, wanted, turn in (
+        (0.0, 5.0, 3.0),
+        (0.3, 2.0, 2.0),
+        (-0.6, 3.0, 0.15 / 0.095),
+        (9.0, -3.0, -0.15 / 0.095),
+    ):
+        obey(made, DRIVE, speed, wanted)
+        assert made.wish.turn == pytest.approx(turn, rel=1e-5)
 
 
 def test_refused_commands_are_counted_and_change_nothing():
@@ -312,7 +327,7 @@ def test_refused_commands_are_counted_and_change_nothing():
         ({"accord": WHEELS_ALONE}, 5, LIFTED),
         ({"accord": BODY_ALONE}, 5, DISAGREEMENT),
         ({"motor_ma": 6000}, 20, CURRENT),
-        ({"rail_steps": 20}, 5, SENSOR),
+        ({"rail_steps": 4}, 5, SENSOR),
     ],
 )
 def test_hazards_switch_off_in_time(values, milliseconds, reason):

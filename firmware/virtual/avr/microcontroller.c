@@ -17,7 +17,7 @@
 #include <string.h>
 
 /* Data-space addresses. */
-enum { UBRRL = 0x29, UCSRA = 0x2B, ICR1 = 0x46, OCR1B = 0x48, OCR1A = 0x4A, TCCR1A = 0x4F };
+enum { UBRRL = 0x29, UCSRA = 0x2B, MCUCSR = 0x54, ICR1 = 0x46, OCR1B = 0x48, OCR1A = 0x4A, TCCR1A = 0x4F };
 enum { RAM_START = 0x60, RAM_END = 0x860 };
 
 #define BITS_PER_BYTE 10
@@ -26,6 +26,7 @@ enum { RAM_START = 0x60, RAM_END = 0x860 };
 #define PAINT 0xC5
 #define UNREAD 2 /* bytes that the receiver holds */
 #define SUPPLY_MV 5000
+#define BROWN_OUT 0x04 /* MCUCSR: BORF */
 
 struct encoder {
     struct microcontroller *mcu;
@@ -64,6 +65,7 @@ struct microcontroller {
     bool is_receiving;
     uint32_t resets, overruns;
     uint64_t slept;
+    uint64_t woken, longest_awake;
 };
 
 static void say_nothing(avr_t *avr, const int level, const char *format, va_list arguments)
@@ -78,7 +80,11 @@ static struct microcontroller *of(avr_t *avr)
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles)
 {
-    of(avr)->slept += cycles;
+    struct microcontroller *mcu = of(avr);
+    const uint64_t awake = avr->cycle > mcu->woken ? avr->cycle - mcu->woken : 0;
+    mcu->longest_awake = awake > mcu->longest_awake ? awake : mcu->longest_awake;
+    mcu->slept += cycles;
+    mcu->woken = avr->cycle + cycles;
 }
 
 /* simavr polls INT0 and INT1 anew after each reset. */
@@ -409,6 +415,13 @@ uint64_t microcontroller_slept(const struct microcontroller *mcu)
     return mcu->slept;
 }
 
+uint64_t microcontroller_longest_awake(struct microcontroller *mcu)
+{
+    const uint64_t longest = mcu->longest_awake;
+    mcu->longest_awake = 0;
+    return longest;
+}
+
 int32_t microcontroller_untouched(const struct microcontroller *mcu)
 {
     int32_t longest = 0, run = 0;
@@ -427,6 +440,12 @@ uint8_t microcontroller_peek(const struct microcontroller *mcu, uint16_t address
 void microcontroller_poke(struct microcontroller *mcu, uint16_t address, uint8_t value)
 {
     mcu->avr->data[address] = value;
+}
+
+void microcontroller_brown_out(struct microcontroller *mcu)
+{
+    avr_reset(mcu->avr);
+    mcu->avr->data[MCUCSR] |= BROWN_OUT;
 }
 
 /* With interrupts off and asleep simavr would be done; a jump to itself (rjmp .-2) in erased flash spins. */

@@ -72,12 +72,18 @@ uint32_t microcontroller_resets(const struct microcontroller *mcu); /* the first
 uint32_t microcontroller_overruns(const struct microcontroller *mcu);
 uint64_t microcontroller_slept(const struct microcontroller *mcu);  /* cycles */
 
+/* The longest time between two sleeps, in cycles, since this was asked last. */
+uint64_t microcontroller_longest_awake(struct microcontroller *mcu);
+
 /* Bytes of RAM that nothing has ever touched between data and stack. */
 int32_t microcontroller_untouched(const struct microcontroller *mcu);
 
 /* A byte of the data space, registers included: for tests that break things. */
 uint8_t microcontroller_peek(const struct microcontroller *mcu, uint16_t address);
 void microcontroller_poke(struct microcontroller *mcu, uint16_t address, uint8_t value);
+
+/* Resets it as a dip of its supply does; memory keeps what it had. */
+void microcontroller_brown_out(struct microcontroller *mcu);
 
 /* Lets the program hang from now on, until its watchdog bites. */
 void microcontroller_hang(struct microcontroller *mcu);

@@ -1,0 +1,198 @@
+"""Every row of the safety table (firmware/drive/supervisor.h) as something that can be done to a robot.
+
+The one list of what is inflicted, how long the boards may take, and what they must tell; the benchmark prints it and
+the tests go through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from bench.boards import Rider, hall
+from firmware.virtual.variation import ACCELEROMETER_COUNTS
+
+STANDING = (0.0, 0.0)
+DRIVING = (0.3, 0.0)
+STILL_SPEED = 0.05  # m/s
+RUNNING_RATE = 8.0  # rad/s of a wheel: 0.4 m/s, which a robot that stands never has
+FALLEN_TILT = 0.7  # rad
+FULL_DUTY = 0.95
+PATIENCE_MS = 5000
+GYRO, ACCELEROMETER, BATTERY, LEFT_MOTOR = 0, 1, 3, 6  # the drive board's inputs
+WATCHDOG, BROWN_OUT = 8, 4  # MCUCSR
+
+
+def until(is_done: Callable[[Rider], bool]) -> Callable[[Rider], int | None]:
+    """How many ms pass before it is so; None if they are too many."""
+
+    def measure(rider: Rider) -> int | None:
+        for ms in range(PATIENCE_MS):
+            if is_done(rider):
+                return ms
+            rider.live(1)
+        return None
+
+    return measure
+
+
+def is_off(rider: Rider) -> bool:
+    """The action of most rows."""
+    return rider.is_off
+
+
+def is_still(rider: Rider) -> bool:
+    """Stops, and goes on balancing."""
+    return abs(rider.body.speed) < STILL_SPEED and not rider.is_off
+
+
+def is_reset(rider: Rider) -> bool:
+    """The drive board has been reset, and no motor gets current."""
+    lib, robot = rider.robot.lib, rider.robot.robot
+    return lib.microcontroller_resets(robot.drive) > 1 and rider.has_no_current
+
+
+def ms_on(rider: Rider) -> int:
+    """For how many of the next ms the motors are on."""
+    on = 0
+    for _ in range(PATIENCE_MS):
+        rider.live(1)
+        on += not rider.is_off
+    return on
+
+
+class Hazard(NamedTuple):
+    """One row. `told` are (state, reason) that are true words for it; `reset_causes` those of the status."""
+
+    name: str
+    rule: str
+    inflict: Callable[[Rider], None]
+    allowed_ms: int
+    told: tuple[tuple[str, str], ...]
+    wish: tuple[float, float] = STANDING  # speed, turn, before and during
+    measure: Callable[[Rider], int | None] = until(is_off)
+    is_armed: bool = True
+    is_on: bool = False  # whether it balances on
+    reset_causes: tuple[int, ...] = ()
+
+
+def drive_unarmed(rider: Rider) -> None:
+    """Commands to a robot that nobody has armed."""
+    rider.is_silent = False
+    rider.tell(*DRIVING)
+
+
+def fall(rider: Rider) -> None:
+    """A shove that it cannot stand, up to the lean at which it is called a fall."""
+    rider.robot.push(60.0)
+    while abs(rider.robot.tilt) < FALLEN_TILT and not rider.is_off:
+        rider.live(1)
+    rider.robot.push(0.0)
+
+
+def hush(rider: Rider) -> None:
+    """No more commands."""
+    rider.is_silent = True
+
+
+def block(*sides: int) -> Callable[[Rider], None]:
+    """Holds wheels: 0 is the left."""
+
+    def inflict(rider: Rider) -> None:
+        for side in sides:
+            rider.robot.lib.body_block(rider.robot.ffi.addressof(rider.body), side)
+
+    return inflict
+
+
+def lift(rider: Rider) -> None:
+    """A hand takes it off the floor; the time counts from when its wheels run."""
+    rider.body.is_lifted = True
+    for _ in range(PATIENCE_MS):
+        if max(map(abs, rider.body.wheel_rates)) > RUNNING_RATE:
+            return
+        rider.live(1)
+
+
+def weaken(rider: Rider) -> None:
+    """A bad contact takes most of the motors' voltage, up to when a motor is given all there is."""
+    rider.body.contact = 0.45
+    while max(map(abs, rider.robot.duties)) < FULL_DUTY and not rider.is_off:
+        rider.live(1)
+
+
+def plug_in(rider: Rider) -> None:
+    """The charger."""
+    rider.robot.robot.charger_volts = 30.0
+
+
+def force(channel: int, volts: float) -> Callable[[Rider], None]:
+    """An input that shows these volts, whatever is true."""
+    return lambda rider: rider.robot.force(channel, volts)
+
+
+def crook(rider: Rider) -> None:
+    """The accelerometer comes loose: 0.3 g off."""
+    rider.robot.robot.inertial.accelerometer_zero += 0.3 * ACCELEROMETER_COUNTS
+
+
+def hang(rider: Rider) -> None:
+    """The drive board's program stops where it is, with the motors on."""
+    rider.robot.lib.microcontroller_hang(rider.robot.robot.drive)
+
+
+def brown_out(rider: Rider) -> None:
+    """A dip of the supply resets both boards."""
+    rider.robot.lib.microcontroller_brown_out(rider.robot.robot.drive)
+    rider.robot.lib.microcontroller_brown_out(rider.robot.robot.sensor)
+
+
+FAULT = "fault"
+HAZARDS: tuple[Hazard, ...] = (
+    Hazard("hang", "watchdog, 120 ms", hang, 140, (("disarmed", "boot"),), DRIVING, until(is_reset),
+           reset_causes=(WATCHDOG,)),
+    Hazard("both boards reset in flight", "off at once; disarmed", brown_out, 5, (("disarmed", "boot"),), DRIVING,
+           until(is_reset), reset_causes=(BROWN_OUT, BROWN_OUT)),
+    Hazard("fall", "beyond 0.7 rad, same step", fall, 25, (("fallen", "fell"),)),
+    Hazard("never armed", "no motor runs", drive_unarmed, 0, (("disarmed", "boot"),), measure=ms_on, is_armed=False),
+    Hazard("link lost", "400 ms, then slows down and balances", hush, 2500, (("link lost", "link"),), DRIVING,
+           until(is_still), is_on=True),
+    Hazard("stall", "duty above 0.95 for 0.4 s", weaken, 600, ((FAULT, "stall"),), DRIVING),
+    Hazard("blocked wheel", "duty above 0.3 on a still wheel for 0.4 s", block(0), 700, ((FAULT, "blocked"),), DRIVING),
+    Hazard("both wheels blocked", "the same, or it falls first", block(0, 1), 700,
+           ((FAULT, "blocked"), ("fallen", "fell")), DRIVING),
+    Hazard("picked up", "the wheels gain 0.6 m/s that the body does not", lift, 300, ((FAULT, "lifted"),)),
+    Hazard("picked up while driving", "the same", lift, 300, ((FAULT, "lifted"),), DRIVING),
+    Hazard("over-current", "a motor above 5 A for 20 ms", force(LEFT_MOTOR, 4.5), 40, ((FAULT, "current"),)),
+    Hazard("battery low", "below 24 V no moves; balances", force(BATTERY, 23.5 / 8.0), 2500, (("armed", "battery"),),
+           DRIVING, until(is_still), is_on=True),
+    Hazard("charger in", "no moves; balances", plug_in, 2500, (("armed", "charger"),), DRIVING, until(is_still),
+           is_on=True),
+    Hazard("gyro dead", "at an end of the converter for 20 ms", force(GYRO, 0.0), 40, ((FAULT, "sensor"),)),
+    Hazard("accelerometer dead", "the same", force(ACCELEROMETER, 0.0), 40, ((FAULT, "sensor"),)),
+    Hazard("gyro and accelerometer disagree", "0.6 m/s that the wheels do not tell", crook, 400,
+           ((FAULT, "disagreement"),)),
+)  # fmt: skip
+
+
+def suffer(hazard: Hazard, seed: int) -> dict[str, Any]:
+    """What one robot did: `ms` to the action (None if never), what it `told`, and whether all is as the table has it
+    (`is_right`)."""
+    rider = Rider(hall(12.0), (-4.0, 0.0, 0.0), seed)
+    if hazard.is_armed:
+        if not rider.arm():
+            raise RuntimeError("the robot does not arm")
+        rider.wait(1.0)
+        rider.tell(*hazard.wish)
+        rider.wait(2.0 + 0.007 * seed)  # the steps' phase is another one for each seed
+    else:
+        rider.wait(0.5)
+    hazard.inflict(rider)
+    ms = hazard.measure(rider)
+    rider.wait(0.6)  # the balance frame comes twice a second, or at once
+    told = rider.told
+    is_right = ms is not None and ms <= hazard.allowed_ms and told in hazard.told and rider.is_off != hazard.is_on
+    if hazard.reset_causes:
+        rider.wait(1.5)
+        is_right = is_right and rider.reset_causes[: len(hazard.reset_causes)] == hazard.reset_causes
+    return {"seed": seed, "ms": ms, "told": ", ".join(told), "is_right": is_right}
