@@ -4,8 +4,8 @@
 #define FIRST_READING 0x3B
 #define ALONG 0  /* of the answer: accelerometer X */
 #define RATE 10  /* gyro Y */
-#define BRIDGED 1
-#define GIVEN_UP 3
+#define GIVEN_UP 2
+#define BRIDGED (GIVEN_UP + N_SETTINGS)
 #define MIDDLE ((int16_t)(TILT_OVERSAMPLING * 512))
 #define HIGHEST ((int16_t)(TILT_OVERSAMPLING * 1023))
 
@@ -23,7 +23,7 @@ static const struct {
 
 void mpu6050_init(struct mpu6050 *imu)
 {
-    const struct mpu6050 fresh = {.misses = GIVEN_UP, .sums = {.gyro = MIDDLE, .accelerometer = 0}};
+    const struct mpu6050 fresh = {.stale = UINT8_MAX, .sums = {.gyro = MIDDLE, .accelerometer = 0}};
     *imu = fresh;
 }
 
@@ -36,13 +36,18 @@ struct mpu6050_request mpu6050_request(const struct mpu6050 *imu)
     return setting;
 }
 
+static void go_without(struct mpu6050 *imu)
+{
+    if (imu->stale < UINT8_MAX)
+        imu->stale++;
+    if (imu->stale > BRIDGED)
+        imu->sums.accelerometer = 0;
+}
+
 static void miss(struct mpu6050 *imu)
 {
-    if (imu->misses < UINT8_MAX)
-        imu->misses++;
-    if (imu->misses > BRIDGED)
-        imu->sums.accelerometer = 0;
-    if (imu->misses >= GIVEN_UP)
+    go_without(imu);
+    if (imu->stale >= GIVEN_UP)
         imu->settled = 0;
 }
 
@@ -63,6 +68,7 @@ void mpu6050_answered(struct mpu6050 *imu, const uint8_t *answer)
 {
     if (imu->settled < N_SETTINGS) {
         imu->settled++;
+        go_without(imu);
         return;
     }
     const int16_t along = value_at(answer + ALONG), rate = value_at(answer + RATE);
@@ -72,14 +78,12 @@ void mpu6050_answered(struct mpu6050 *imu, const uint8_t *answer)
     }
     imu->along = along;
     imu->rate = rate;
-    imu->misses = 0;
+    imu->stale = 0;
     imu->sums.gyro = sum_of((int32_t)rate * RATE_UP / RATE_DOWN);
     imu->sums.accelerometer = sum_of(-(int32_t)along / ALONG_DOWN); /* leaning forward, X points down */
 }
 
 void mpu6050_failed(struct mpu6050 *imu)
 {
-    if (imu->settled < N_SETTINGS)
-        imu->settled = 0;
     miss(imu);
 }

@@ -16,9 +16,9 @@
  * asks for.
  *
  * A reading that failed, or that repeats the one before in every bit (a part that has lost its power answers, asleep), is
- * a miss. One miss is bridged by the last reading. From the second on the accelerometer is told to be at its rail, which
- * the supervisor takes for a dead sensor, while the gyro keeps its last rate: what stands goes on standing until the
- * motors are off. From the third on the part is set up anew.
+ * none. After two such steps the part is set up anew. For 35 ms, in which that is done, the last reading stands; from then
+ * on the accelerometer is told to be at its rail, which the supervisor takes for a dead sensor, while the gyro keeps its
+ * last rate: what stands goes on standing until the motors are off.
  */
 #ifndef CRUNCH_DRIVE_MPU6050_H
 #define CRUNCH_DRIVE_MPU6050_H
@@ -35,7 +35,7 @@ struct mpu6050_request { /* one transfer: write so many bytes, then read so many
 
 struct mpu6050 {
     uint8_t settled;   /* registers that are set up */
-    uint8_t misses;    /* in a row; stays at its maximum */
+    uint8_t stale;     /* steps since the last reading; stays at its maximum */
     int16_t along, rate; /* the last raw readings */
     struct inertial_sums sums;
 };
