@@ -14,6 +14,7 @@ import numpy as np
 from bench.benchmark import Bench, Column, Record, Row, each, runs, values_of
 from bench.corruption import KINDS, line_of, pieces_of
 from firmware.virtual import VirtualCrunch, corridor_plan, load_world
+from firmware.virtual.host import HostCrunch
 from server.channels import Refused, encode_command, read
 from server.link import DELIMITER, Decoder, encode
 from server.messages import ArmCommand, Command, DriveCommand, StopCommand
@@ -86,8 +87,9 @@ class Board:
     """The drive board's C, armed, with its clock standing still."""
 
     def __init__(self, seed: int):
-        self.robot = VirtualCrunch(load_world("demo"), seed=seed)
-        self.robot.advance(2.0)
+        world = load_world("demo")
+        self.robot = HostCrunch(world, world.start, seed)
+        self.robot.stand()
         self.drive = self.robot.robot.drive
 
     @property
@@ -97,7 +99,7 @@ class Board:
 
     def obeyed(self) -> int:
         """Commands obeyed so far."""
-        return self.drive.drives_accepted + self.drive.stops_accepted + self.drive.arms_accepted
+        return sum(self.robot.accepted)
 
     def hear(self, pieces: list[bytes]) -> tuple[int, int]:
         """How many of the pieces were frames by their CRC-16, and how many were obeyed."""

@@ -1,4 +1,8 @@
-"""The same C, compiled for the ATmega32 and for this machine, computes the same bits."""
+"""The same C, compiled for the ATmega32 and for this machine, computes the same bits.
+
+Twice: the drive board's whole loop, and each of its pure files by itself on random input. The link is in both, for they
+tell frames and judge commands; the sensor board's files and the MPU-6050's have no floats.
+"""
 
 import os
 import subprocess
@@ -13,33 +17,38 @@ from tests.firmware.avr_tools import Microcontroller, compiled, need_simavr
 
 HERE = Path(__file__).parent / "parity"
 PURE = files(("link", "drive"), "*.c")
-STEPS = int(os.environ.get("PARITY_STEPS", "600"))  # 10000 where there is time: half a minute
+STEPS = int(os.environ.get("PARITY_STEPS", "600"))  # 10000 where there is time: a minute
 MAX_STEP = 225
+MODULES = {  # bytes told
+    "tilt": 42, "odometry": 32, "agreement": 13, "balance": 36, "command": 9, "supervisor": 19, "power": 12,
+}  # fmt: skip
 
 
-def said_here(seed: int, folder: Path) -> bytes:
+def said_here(part: str, seed: int, folder: Path) -> bytes:
     """All steps on this machine."""
     library = folder / "parity.so"
-    sources = [*PURE, HERE / "parity.c", HERE / "host.c"]
+    sources = [*PURE, *(HERE / name for name in ("parity.c", "modules.c", "host.c"))]
     subprocess.run([compiler(), *FLAGS, *WARNINGS, "-o", str(library), *map(str, sources)], check=True)
     ffi = FFI()
-    ffi.cdef("uint32_t parity_run(uint32_t seed, uint32_t steps, uint8_t *out);")
+    for name in ("parity", "modules"):
+        ffi.cdef(f"uint32_t {name}_run(uint32_t seed, uint32_t steps, uint8_t *out);")
     out = ffi.new("uint8_t[]", STEPS * MAX_STEP)
-    parity: Any = ffi.dlopen(str(library))
-    size = parity.parity_run(seed, STEPS, out)
+    made: Any = ffi.dlopen(str(library))
+    size = getattr(made, f"{part}_run")(seed, STEPS, out)
     return bytes(ffi.buffer(out, size))
 
 
-def said_by_board(seed: int, folder: Path, size: int) -> bytes:
+def said_by_board(part: str, seed: int, folder: Path, size: int) -> bytes:
     """As many bytes from the microcontroller."""
     elf = folder / "parity.elf"
-    sources = [*PURE, HERE / "parity.c", HERE.parent / "programs" / "parity.c"]
-    board, said = Microcontroller(compiled(elf, sources, f"-DSEED={seed}UL")), b""
+    sources = [*PURE, HERE / f"{part}.c", HERE.parent / "programs" / "parity.c"]
+    flags = [f"-DSEED={seed}UL", *(["-DMODULES"] if part == "modules" else [])]
+    board, said = Microcontroller(compiled(elf, sources, *flags)), bytearray()
     while len(said) < size:
         more = board.run_ms(100)
         assert more, "the board is silent"
         said += more
-    return said[:size]
+    return bytes(said[:size])
 
 
 def steps_of(said: bytes) -> list[bytes]:
@@ -54,10 +63,33 @@ def steps_of(said: bytes) -> list[bytes]:
 @pytest.mark.parametrize("seed", [1, 20251122])
 def test_board_and_host_compute_the_same_bits(seed, tmp_path):
     need_simavr()
-    here = said_here(seed, tmp_path)
-    theirs = said_by_board(seed, tmp_path, len(here))
+    here = said_here("parity", seed, tmp_path)
+    theirs = said_by_board("parity", seed, tmp_path, len(here))
     ours = steps_of(here)
     assert len(ours) == STEPS >= 500
     assert len({step[:96] for step in ours}) > 0.95 * STEPS  # the floats move
     for number, (host, board) in enumerate(zip(ours, steps_of(theirs), strict=True)):
         assert host == board, f"step {number} of seed {seed}"
+
+
+def by_module(step: bytes) -> dict[str, bytes]:
+    """What each file told in one step."""
+    told, at = {}, 0
+    for name, size in MODULES.items():
+        told[name] = step[at : at + size]
+        at += size
+    assert at == len(step)
+    return told
+
+
+def test_each_file_by_itself_computes_the_same_bits(tmp_path):
+    need_simavr()
+    here = said_here("modules", 7, tmp_path)
+    theirs = said_by_board("modules", 7, tmp_path, len(here))
+    ours, boards = ([by_module(step) for step in steps_of(said)] for said in (here, theirs))
+    assert len(ours) == STEPS
+    for name in MODULES:
+        told = [step[name] for step in ours]
+        assert len(set(told)) > 0.5 * STEPS, f"{name} hardly moves"  # a supervisor without a wish tells little
+        differing = [i for i, (host, board) in enumerate(zip(told, boards, strict=True)) if host != board[name]]
+        assert not differing, f"{name}: {len(differing)} steps, the first is {differing[0]}"

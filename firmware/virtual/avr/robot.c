@@ -198,6 +198,8 @@ static bool is_within_grant(const struct avr_robot *robot, const struct sent_byt
 /* Hands one byte to the modem and looks whether the other board was speaking. */
 static void collect_byte(struct avr_robot *robot, int board, const struct sent_byte *sent)
 {
+    if (robot->muted >> board & 1)
+        return;
     for (int i = 0; i < AVR_ROBOT_RECENT; i++) {
         const struct sent_byte *theirs = &robot->recent[1 - board][i];
         robot->collisions += sent->start < theirs->end && theirs->start < sent->end;

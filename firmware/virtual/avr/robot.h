@@ -32,6 +32,7 @@ struct avr_robot {
     double charger_volts;
     uint8_t forced;                /* set of the drive board's ADC inputs that show these volts, whatever is */
     double forced_volts[8];
+    uint8_t muted;                 /* boards whose transmitter is dead: 1 drive, 2 sensor, 3 both */
     uint16_t accelerometer;        /* reading that belongs to the gyro's last one */
     uint16_t infrared_sweeps;      /* since the distances were looked at */
     struct grant_edge grants[AVR_ROBOT_EDGES];
