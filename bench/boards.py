@@ -1,19 +1,25 @@
-"""A robot whose real boards run under simavr, and whoever stands beside it: arms it, drives it, hears what it tells."""
+"""A robot on the bench, and whoever stands beside it: arms it, drives it, hears what it tells.
+
+Its boards are the real programs under simavr, or the same C on this machine, which is a hundred times as fast.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from firmware.virtual import World
 from firmware.virtual.avr import AvrCrunch
+from firmware.virtual.host import HostCrunch
 from firmware.virtual.variation import Variation
 from server.channels import BALANCE, DRIVE, REASONS, SENSOR, STATES, STATUS, Refused, encode_command, read
 from server.link import Decoder, Frame, encode
 from server.messages import ArmCommand, Command, DriveCommand
 
 REFRESH_MS = 100  # between drive commands
+MAX_PORTION_MS = 20
 ARMING_MS = 5000  # more than it ever needs
 OFF = (0.0, 0.0)
 
@@ -28,8 +34,18 @@ def hall(length: float, width: float = 6.0) -> World:
 class Rider:
     """Holds the robot, lets go, and sends its wish (speed in m/s, turn in rad/s) ten times a second unless silent."""
 
-    def __init__(self, world: World, start: tuple[float, float, float], seed: int, variation: Variation | None = None):
-        self.robot = AvrCrunch(world, start, seed, drift="none")
+    def __init__(
+        self,
+        world: World,
+        start: tuple[float, float, float],
+        seed: int,
+        variation: Variation | None = None,
+        is_real: bool = True,
+    ):
+        if is_real:
+            self.robot: Any = AvrCrunch(world, start, seed, drift="none")
+        else:
+            self.robot = HostCrunch(world, np.array(start), seed, drift="none")
         self.body = self.robot.robot.body
         if variation is not None:
             variation.apply(self.robot.robot)
@@ -61,11 +77,14 @@ class Rider:
 
     def live(self, ms: int) -> None:
         """Lets time pass and the wish be told."""
-        for _ in range(ms):
-            if not self.is_silent and self.robot.robot.now_ms % REFRESH_MS == 0:
+        while ms > 0:
+            late = self.robot.robot.now_ms % REFRESH_MS
+            if not self.is_silent and late == 0:
                 self.send(DriveCommand(*self.wish))
-            for frame in self.decoder.feed(self.robot.run(1)):
+            portion = min(ms, REFRESH_MS - late, MAX_PORTION_MS)
+            for frame in self.decoder.feed(self.robot.run(portion)):
                 self.hear(frame)
+            ms -= portion
 
     def wait(self, seconds: float) -> None:
         """The same in seconds."""
@@ -85,6 +104,11 @@ class Rider:
     def tell(self, speed: float, turn: float = 0.0) -> None:
         """The wish from now on."""
         self.wish = (speed, turn)
+
+    @property
+    def is_balancing(self) -> bool:
+        """Whether it has told so last."""
+        return bool(self.balance) and self.told[0] in ("armed", "link lost")
 
     @property
     def is_off(self) -> bool:
@@ -109,9 +133,9 @@ class Rider:
     def push(self, newton_seconds: float, seconds: float = 0.05) -> None:
         """A blow at the centre of mass, forward if positive."""
         self.body.push_height = self.body.physique.centre
-        self.robot.push(newton_seconds / seconds)
+        self.body.push = newton_seconds / seconds
         self.wait(seconds)
-        self.robot.push(0.0)
+        self.body.push = 0.0
 
     @property
     def position(self) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from bench import (
     odometry,
     radio,
     real,
+    ride,
     safety,
     scale,
     sonar8,
@@ -44,5 +45,6 @@ CATALOGUE: tuple[Bench, ...] = (
     kernels.BENCH,
     speed.BENCH,
     safety.BENCH,
+    *ride.BENCHES,
     *dashboard.BENCHES,
 )
