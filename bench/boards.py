@@ -14,7 +14,7 @@ from firmware.virtual import World
 from firmware.virtual.avr import AvrCrunch
 from firmware.virtual.host import HostCrunch
 from firmware.virtual.variation import Variation
-from server.channels import BALANCE, DRIVE, REASONS, SENSOR, STATES, STATUS, Refused, encode_command, read
+from server.channels import BALANCE, DRIVE, LAST_WORDS, REASONS, SENSOR, STATES, STATUS, Refused, encode_command, read
 from server.link import Decoder, Frame, encode
 from server.messages import ArmCommand, Command, DriveCommand
 
@@ -52,6 +52,7 @@ class Rider:
         self.decoder = Decoder()
         self.balance: tuple = ()  # newest raw payloads,
         self.statuses: dict[int, tuple] = {}  # these by board
+        self.last_words: tuple = ()
         self.wish = (0.0, 0.0)
         self.is_silent = True
         self.echo_ms = 0
@@ -72,6 +73,8 @@ class Rider:
             self.echo_ms = frame.time_ms
         if frame.channel == BALANCE:
             self.balance = values
+        elif frame.channel == LAST_WORDS:
+            self.last_words = values
         elif frame.channel == STATUS:
             self.statuses[frame.source] = values
 

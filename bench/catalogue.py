@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench import (
     ablation,
+    avr,
     accepts,
     beams,
     calibration,
@@ -45,6 +46,7 @@ CATALOGUE: tuple[Bench, ...] = (
     kernels.BENCH,
     speed.BENCH,
     safety.BENCH,
+    avr.BENCH,
     *ride.BENCHES,
     *dashboard.BENCHES,
 )

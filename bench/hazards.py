@@ -149,7 +149,7 @@ def brown_out(rider: Rider) -> None:
 
 FAULT = "fault"
 HAZARDS: tuple[Hazard, ...] = (
-    Hazard("hang", "watchdog, 120 ms", hang, 140, (("disarmed", "boot"),), DRIVING, until(is_reset),
+    Hazard("hang", "watchdog, 120 ms", hang, 140, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
            reset_causes=(WATCHDOG,)),
     Hazard("both boards reset in flight", "off at once; disarmed", brown_out, 5, (("disarmed", "boot"),), DRIVING,
            until(is_reset), reset_causes=(BROWN_OUT, BROWN_OUT)),

@@ -23,6 +23,7 @@ from server.messages import (
     Balance,
     Command,
     DriveCommand,
+    LastWords,
     Message,
     Power,
     Ranges,
@@ -39,7 +40,7 @@ SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor"}
 STATES = ("disarmed", "armed", "fallen", "link lost", "fault")
 REASONS = (
     "none", "command", "fell", "link", "stall", "current", "battery", "sensor", "charger", "boot",
-    "blocked", "lifted", "disagreement",
+    "blocked", "lifted", "disagreement", "watchdog",
 )  # fmt: skip
 
 SONAR_SLOT_MS = 40
@@ -126,6 +127,11 @@ def _balance(values: tuple, t: float, _calibration: Calibration, _source: int) -
     return [Balance(t, tilt_rate * 1e-3, position_error * 1e-3, *duties, STATES[state], REASONS[reason], acknowledged)]
 
 
+def _last_words(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
+    state, reason, since_ms, uptime_ms = values
+    return [LastWords(t, STATES[state], REASONS[reason], since_ms * 1e-3, uptime_ms * 1e-3)]
+
+
 def _is_power(values: tuple) -> bool:
     battery_mv, battery_ma, charger_mv, *rest = values
     is_current = max(abs(battery_ma), *map(abs, rest)) <= MAX_MILLIAMPERES
@@ -159,7 +165,7 @@ def _infrared(values: tuple, t: float, calibration: Calibration, _: int) -> list
     return [Ranges(t, "infrared", np.array([table[counts] for counts in values]))]
 
 
-STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED = 1, 2, 3, 4, 5, 6
+STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, LAST_WORDS = 1, 2, 3, 4, 5, 6, 8
 DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND = 16, 17, 18
 
 CHANNELS: dict[int, Channel] = {
@@ -178,6 +184,9 @@ CHANNELS: dict[int, Channel] = {
             _balance,
         ),
         Channel(POWER, "power", struct.Struct("<HhHhhh"), (DRIVE,), _is_power, _power),
+        Channel(
+            LAST_WORDS, "last_words", struct.Struct("<BBII"), (DRIVE,), lambda v: _is_state(v[0], v[1]), _last_words
+        ),
         Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _is_sonar, _sonar),
         Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), lambda v: max(v) <= MAX_COUNT, _infrared),
         Channel(DRIVE_COMMAND, "drive", struct.Struct("<hhHI"), (HOST,), None, None),

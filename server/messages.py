@@ -88,6 +88,18 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
+class LastWords:
+    """How the drive board's run ended that its last reset cut off: state, reason, and its uptimes (s) since when and
+    at the end."""
+
+    t: float
+    state: str
+    reason: str
+    since: float
+    uptime: float
+
+
+@dataclass(frozen=True, slots=True)
 class Drive:
     """A person's wish: forward speed (m/s) and turn rate (rad/s); `shared` lets the histogram bend it off obstacles."""
 
@@ -242,6 +254,6 @@ class Snapshot:
     labels: tuple[Label, ...] = ()
 
 
-Message = Wheels | Odometry | Ranges | Balance | Power | Status | Drive | Goal | Stop | Arm | Estimate
+Message = Wheels | Odometry | Ranges | Balance | Power | Status | LastWords | Drive | Goal | Stop | Arm | Estimate
 Command = DriveCommand | StopCommand | ArmCommand
 Effect = DriveCommand | StopCommand | ArmCommand | Keyframe

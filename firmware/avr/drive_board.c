@@ -60,7 +60,7 @@ struct boot board_init(void)
     sei();
     const struct boot boot = {
         .reset_cause = last_words->reset_cause, .count = last_words->boot_count, .build = BUILD,
-        .worst_loop_us = last_words->worst_loop_us,
+        .worst_loop_us = last_words->worst_loop_us, .ending = last_words->ending,
     };
     return boot;
 }
@@ -135,9 +135,10 @@ void board_grant(bool is_granted)
         PORTC &= (uint8_t)~GRANT;
 }
 
-void board_pet(uint16_t worst_loop_us)
+void board_pet(uint16_t worst_loop_us, const struct ending *ending)
 {
     last_words->worst_loop_us = worst_loop_us;
+    last_words->ending = *ending;
     watchdog_pet();
 }
 

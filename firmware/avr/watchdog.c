@@ -24,6 +24,7 @@ struct last_words *watchdog_last_words(void)
     if (is_kept != KEPT || (words.reset_cause & (_BV(PORF) | _BV(BORF)))) {
         words.boot_count = 0;
         words.worst_loop_us = 0;
+        words.ending = (struct ending){0};
     }
     is_kept = KEPT;
     words.boot_count++;

@@ -6,12 +6,13 @@
 #ifndef CRUNCH_AVR_WATCHDOG_H
 #define CRUNCH_AVR_WATCHDOG_H
 
-#include <stdint.h>
+#include "../link/teller.h"
 
 struct last_words {
     uint8_t reset_cause;    /* MCUCSR at this start */
     uint16_t boot_count;    /* starts since power was switched on, this one included */
-    uint16_t worst_loop_us; /* of the run before, to be kept up to date; 0 after power-on */
+    uint16_t worst_loop_us; /* of the run before, to be kept up to date, */
+    struct ending ending;   /* as this; all 0 after power-on */
 };
 
 /* What the last run left, renewed for this one. */

@@ -30,8 +30,8 @@ void board_send(const uint8_t *frame, uint8_t size);
 /* GRANT: the line is the sensor board's. */
 void board_grant(bool is_granted);
 
-/* Keeps the watchdog quiet; `worst_loop_us` outlives a reset. */
-void board_pet(uint16_t worst_loop_us);
+/* Keeps the watchdog quiet; what it is given outlives a reset. */
+void board_pet(uint16_t worst_loop_us, const struct ending *ending);
 
 /* Sleeps until something happens. */
 void board_sleep(void);

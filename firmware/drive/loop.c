@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define MAX_DUTY_BYTE 127.0f
+#define WATCHDOG_RESET 0x08 /* MCUCSR: WDRF */
 
 void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct outbox *outbox)
 {
@@ -13,6 +14,8 @@ void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct ou
     odometry_init(&loop->odometry, 0, 0);
     balance_init(&loop->balance);
     supervisor_init(&loop->supervisor);
+    if (boot->reset_cause & WATCHDOG_RESET)
+        loop->supervisor.reason = STOP_WATCHDOG;
     telemetry_init(&loop->telemetry);
     frame_decoder_init(&loop->decoder);
 }
@@ -80,6 +83,15 @@ static void tell_power(struct drive_loop *loop, const struct supplies *supplies)
     teller_tell(&loop->teller, CHANNEL_POWER, loop->teller.uptime_ms, &payload, sizeof payload);
 }
 
+static void tell_last_words(struct drive_loop *loop)
+{
+    const struct ending *ending = &loop->teller.boot.ending;
+    const struct last_words_payload payload = {
+        .state = ending->state, .reason = ending->reason, .since_ms = ending->since_ms, .uptime_ms = ending->uptime_ms,
+    };
+    teller_tell(&loop->teller, CHANNEL_LAST_WORDS, loop->teller.uptime_ms, &payload, sizeof payload);
+}
+
 uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *samples)
 {
     const struct supervisor *supervisor = &loop->supervisor;
@@ -93,6 +105,8 @@ uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *sam
     if (due & TELEMETRY_STATUS)
         teller_tell_status(&loop->teller, supervisor->state, supervisor->reason,
                            (uint16_t)(loop->decoder.rejected + supervisor->refused));
+    if (due & TELEMETRY_STATUS && loop->teller.boot.ending.uptime_ms > 0)
+        tell_last_words(loop);
     return due;
 }
 
@@ -126,6 +140,17 @@ static void compare(struct drive_loop *loop, const struct rolled *rolled, const 
         agreement_rest(&loop->agreement, rolled->speed);
 }
 
+static void note_ending(struct drive_loop *loop)
+{
+    const struct supervisor *supervisor = &loop->supervisor;
+    struct ending *ending = &loop->ending;
+    if (ending->state != supervisor->state || ending->reason != supervisor->reason)
+        ending->since_ms = loop->teller.uptime_ms;
+    ending->state = supervisor->state;
+    ending->reason = supervisor->reason;
+    ending->uptime_ms = loop->teller.uptime_ms;
+}
+
 static void motors_off(struct drive_loop *loop)
 {
     balance_rest(&loop->balance);
@@ -151,5 +176,6 @@ uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *sam
     } else {
         motors_off(loop);
     }
+    note_ending(loop);
     return drive_loop_tell(loop, samples);
 }

@@ -29,6 +29,7 @@ struct drive_loop {
     struct supervisor supervisor;
     struct telemetry telemetry;
     struct frame_decoder decoder;
+    struct ending ending; /* what would be this run's last words */
     struct duties duties; /* what the motors are to do until the next step */
 };
 

@@ -35,7 +35,7 @@ static void step(void)
     const uint16_t loop_us = (uint16_t)(board_us() - start_us);
     if (loop_us > loop.teller.worst_loop_us)
         loop.teller.worst_loop_us = loop_us;
-    board_pet(loop.teller.worst_loop_us);
+    board_pet(loop.teller.worst_loop_us, &loop.ending);
 }
 
 /* Once per ms: whose turn it is, and the next frame if it is ours. */

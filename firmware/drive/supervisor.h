@@ -14,7 +14,8 @@
  * | battery        | below 24 V no moves; charger connected: no moves                                        |
  * | sensor dead    | gyro or accelerometer at an end of the converter's range for 20 ms: off                 |
  * | sensors part   | gyro and accelerometer tell of 0.6 m/s that the wheels do not (agreement.h): off        |
- * | hang           | the watchdog resets the board after 120 ms (avr/watchdog.h): off, and disarmed           |
+ * | hang           | the watchdog resets the board after 120 ms (avr/watchdog.h): off, disarmed; the next     |
+ * |                | start tells its last words                                                              |
  */
 #ifndef CRUNCH_DRIVE_SUPERVISOR_H
 #define CRUNCH_DRIVE_SUPERVISOR_H

@@ -29,6 +29,7 @@ enum link_channel {
     CHANNEL_POWER = 4,    /* drive board, 1 Hz */
     CHANNEL_SONAR = 5,    /* sensor board, 12.5 Hz */
     CHANNEL_INFRARED = 6, /* sensor board, 25 Hz */
+    CHANNEL_LAST_WORDS = 8, /* drive board, 1 Hz after a start that left its memory intact */
     CHANNEL_DRIVE = 16,   /* host: speed and turn rate; refreshed at 10 Hz while a driver holds the stick */
     CHANNEL_STOP = 17,    /* host: speed and turn to zero at once; sent three times */
     CHANNEL_ARM = 18      /* host: let the drive board arm once it stands upright; 0 disarms */
@@ -44,7 +45,8 @@ enum drive_state { DRIVE_DISARMED = 0, DRIVE_ARMED = 1, DRIVE_FALLEN = 2, DRIVE_
 enum stop_reason {
     STOP_NONE = 0, STOP_COMMAND = 1, STOP_FELL = 2, STOP_LINK = 3, STOP_STALL = 4,
     STOP_CURRENT = 5, STOP_BATTERY = 6, STOP_SENSOR = 7, STOP_CHARGER = 8, STOP_BOOT = 9,
-    STOP_BLOCKED = 10, STOP_LIFTED = 11, STOP_DISAGREEMENT = 12
+    STOP_BLOCKED = 10, STOP_LIFTED = 11, STOP_DISAGREEMENT = 12,
+    STOP_WATCHDOG = 13
 };
 
 #define PACKED __attribute__((packed))
@@ -86,6 +88,13 @@ struct PACKED power_payload {
     int16_t right_motor_ma;
 };
 
+struct PACKED last_words_payload { /* of the run that ended in the last reset */
+    uint8_t state;         /* at its end */
+    uint8_t reason;        /* of its last stop, or why it could not move, */
+    uint32_t since_ms;     /* and its uptime when state or reason last changed */
+    uint32_t uptime_ms;    /* at its last whole step */
+};
+
 struct PACKED sonar_payload {
     uint16_t echo_us[SONAR_COUNT]; /* trigger to echo, there and back; SONAR_NO_RETURN */
 };
@@ -122,6 +131,7 @@ _Static_assert(sizeof(struct status_payload) == 16, "packed");
 _Static_assert(sizeof(struct odometry_payload) == 6, "packed");
 _Static_assert(sizeof(struct balance_payload) == 9, "packed");
 _Static_assert(sizeof(struct power_payload) == 12, "packed");
+_Static_assert(sizeof(struct last_words_payload) == 10, "packed");
 _Static_assert(sizeof(struct sonar_payload) == 16, "packed");
 _Static_assert(sizeof(struct infrared_payload) == 16, "packed");
 _Static_assert(sizeof(struct drive_payload) == 10, "packed");

@@ -8,11 +8,18 @@
 
 #include "outbox.h"
 
+struct ending { /* what a board was at and why; kept over a reset these are its last words */
+    uint8_t state, reason; /* enum drive_state, stop_reason */
+    uint32_t since_ms;     /* uptime when either last changed */
+    uint32_t uptime_ms;    /* 0: nothing is known */
+};
+
 struct boot { /* what the status frame says about this start */
     uint8_t reset_cause; /* MCUCSR */
     uint16_t count;
     uint16_t build;
-    uint16_t worst_loop_us; /* of the run before, where it is known */
+    uint16_t worst_loop_us; /* of the run before, where it is known, */
+    struct ending ending;   /* and how that ended */
 };
 
 struct teller {

@@ -11,12 +11,13 @@ import pytest
 
 from firmware.virtual.native import FIRMWARE, FLAGS, WARNINGS, compiler
 from server.link import Decoder
-from tests.firmware.avr_robot import RAM, Driven
+from tests.firmware.avr_robot import LINK_LOST, RAM, Driven
 from tests.firmware.avr_tools import Microcontroller, built, compiled, need_simavr
 from tests.firmware.virtual_wire import (
     BALANCE,
     DRIVE,
     INFRARED,
+    LAST_WORDS,
     ODOMETRY,
     POWER,
     SENSOR,
@@ -28,6 +29,7 @@ from tests.firmware.virtual_wire import (
 )
 
 WATCHDOG_RESET = 8
+LINK = 3
 
 
 def test_both_programs_build_without_a_warning_and_fit(tmp_path):
@@ -117,6 +119,8 @@ def test_a_hang_ends_in_a_reset_with_the_motors_off_and_is_told():
     driven = Driven().stand()
     lib, drive = driven.robot.lib, driven.robot.robot.drive
     lib.microcontroller_hang(drive)
+    hung_ms = driven.robot.robot.now_ms
+    assert len(payloads(driven.said, LAST_WORDS)) == 0
     before = lib.microcontroller_resets(drive)
     milliseconds = 0
     while lib.microcontroller_resets(drive) == before and milliseconds < 200:
@@ -127,8 +131,11 @@ def test_a_hang_ends_in_a_reset_with_the_motors_off_and_is_told():
     assert driven.robot.duties == (0.0, 0.0)
     driven.wait(2.0)
     version, state, reason, cause, uptime, boots, *_ = driven.status(DRIVE)
-    assert (version, state, reason, cause, boots) == (1, 0, 9, WATCHDOG_RESET, 2)
+    assert (version, state, reason, cause, boots) == (1, 0, 13, WATCHDOG_RESET, 2)
     assert uptime < 2000
+    last_state, last_reason, since_ms, ended_ms = payloads(driven.said, LAST_WORDS)[-1]
+    assert (last_state, last_reason) == (LINK_LOST, LINK)  # nobody has commanded it
+    assert since_ms < ended_ms == pytest.approx(hung_ms, abs=6)
     assert lib.microcontroller_resets(drive) == before + 1
     assert driven.robot.collisions == 0
 

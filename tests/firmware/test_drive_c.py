@@ -13,7 +13,9 @@ from firmware.virtual.native import native
 
 FFI, LIB, _ = native()
 DISARMED, ARMED, FALLEN, LINK_LOST, FAULT = range(5)
-COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR, CHARGER, BOOT, BLOCKED, LIFTED, DISAGREEMENT = range(1, 13)
+COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR, CHARGER, BOOT, BLOCKED, LIFTED, DISAGREEMENT, WATCHDOG = range(
+    1, 14
+)
 ACCORD, WHEELS_ALONE, BODY_ALONE = range(3)
 REFUSED, DRIVE, STOP, ARM, DISARM = range(5)
 
@@ -361,6 +363,13 @@ def test_an_empty_battery_or_a_charger_forbids_moves_but_not_balance(values, rea
     assert made.reason == reason
     assert LIB.supervisor_wish(made, health(**values)).speed == 0.0
     assert LIB.supervisor_wish(made, health()).speed == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("cause", "reason"), [(1, BOOT), (4, BOOT), (8, WATCHDOG)])
+def test_a_start_after_the_watchdog_says_so(cause, reason):
+    loop, outbox = FFI.new("struct drive_loop *"), FFI.new("struct outbox *")
+    LIB.drive_loop_init(loop, FFI.new("struct boot *", {"reset_cause": cause}), outbox)
+    assert loop.supervisor.reason == reason
 
 
 def test_telemetry_keeps_its_rates_and_tells_a_change_at_once():

@@ -9,9 +9,17 @@ from firmware.virtual import World
 from server.link import Decoder, Frame, encode
 
 HOST, DRIVE, SENSOR = 0, 1, 2
-STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED = 1, 2, 3, 4, 5, 6
+STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, LAST_WORDS = 1, 2, 3, 4, 5, 6, 8
 DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND = 16, 17, 18
-LAYOUTS = {STATUS: "<BBBBIHHHH", ODOMETRY: "<hhh", BALANCE: "<hhbbBBB", POWER: "<HhHhhh", SONAR: "<8H", INFRARED: "<8H"}
+LAYOUTS = {
+    STATUS: "<BBBBIHHHH",
+    ODOMETRY: "<hhh",
+    BALANCE: "<hhbbBBB",
+    POWER: "<HhHhhh",
+    SONAR: "<8H",
+    INFRARED: "<8H",
+    LAST_WORDS: "<BBII",
+}
 METRES_PER_TICK = 2.0 * np.pi * 0.0508 / 1000
 
 

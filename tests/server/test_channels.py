@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from server import channels, link
 from server.channels import CHANNELS, DRIVE, HOST, SENSOR, Calibration, Refused, decode, encode_command, read
 from server.link import Frame
-from server.messages import ArmCommand, Balance, DriveCommand, Power, Ranges, Status, StopCommand, Wheels
+from server.messages import ArmCommand, Balance, DriveCommand, LastWords, Power, Ranges, Status, StopCommand, Wheels
 
 HEADER = Path(__file__).parents[2] / "firmware" / "link" / "channels.h"
 CALIBRATION = Calibration()
@@ -25,6 +25,7 @@ FIELDS = {
     "power": "battery_mv battery_ma charger_mv charger_ma left_motor_ma right_motor_ma",
     "sonar": "echo_us",
     "infrared": "counts",
+    "last_words": "state reason since_ms uptime_ms",
     "drive": "speed turn echo_ms check",
     "stop": "echo_ms check",
     "arm": "arm echo_ms check",
@@ -126,6 +127,11 @@ def test_power():
     assert_about(power, Power(2.0, 29.5, -1.5, 0.0, 0.0, 0.7, 0.8))
 
 
+def test_last_words():
+    [words] = decode(frame(channels.LAST_WORDS, DRIVE, 1, 3, 4000, 70_500), 2.0, CALIBRATION)
+    assert_about(words, LastWords(2.0, "armed", "link", 4.0, 70.5))
+
+
 def test_a_sonar_frame_is_two_sweeps_a_slot_apart():
     echoes = [1000, 2000, 3000, 4000, 17492, 17493, 40000, 0xFFFF]
     even, odd = decode(frame(channels.SONAR, SENSOR, *echoes), 5.0, CALIBRATION)
@@ -172,7 +178,7 @@ def test_infrared_beyond_its_reach_is_no_return_and_no_count_is_negative():
         frame(channels.ODOMETRY, DRIVE, 0, 0, -31_417),
         frame(channels.BALANCE, DRIVE, 0, 0, -128, 0, 0, 0, 0),
         frame(channels.BALANCE, DRIVE, 0, 0, 0, 0, 5, 0, 0),
-        frame(channels.BALANCE, DRIVE, 0, 0, 0, 0, 0, 10, 0),
+        frame(channels.BALANCE, DRIVE, 0, 0, 0, 0, 0, len(channels.REASONS), 0),
         frame(channels.POWER, DRIVE, 60_001, 0, 0, 0, 0, 0),
         frame(channels.POWER, DRIVE, 0, 0, 0, 0, 0, -30_001),
         status(state=5),

@@ -1,0 +1,89 @@
+"""What the boards' programs take of their ATmega32s: flash, RAM with its stack, time; and how fast the pair simulates."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import time
+from typing import NamedTuple
+
+from bench.benchmark import Bench, Column, Record, Row, each, figures, runs
+from bench.boards import Rider, hall
+from firmware.virtual.avr.programs import programs
+from server.channels import DRIVE, SENSOR
+
+FLASH, RAM = 32768, 2048  # bytes
+MHZ = 16
+STEP_CYCLES = 80_000  # of a control step of 5 ms
+SECONDS = 30.0
+
+
+class Board(NamedTuple):
+    """A board's name, and its number on the wire."""
+
+    name: str
+    source: int
+
+
+def flash_of(name: str) -> int:
+    """Bytes of a program as avr-size tells them."""
+    elf = getattr(programs(), name)
+    said = subprocess.run(["avr-size", "-C", "--mcu=atmega32", elf], capture_output=True, text=True, check=True).stdout
+    found = re.search(r"Program:\s+(\d+) bytes", said)
+    assert found is not None, said
+    return int(found[1])
+
+
+def run(board: Board, seed: int) -> Record:
+    """Armed, then half a minute of driving, turning and standing in closed loop."""
+    rider = Rider(hall(12.0), (-4.0, 0.0, 0.0), seed)
+    if not rider.arm():
+        raise RuntimeError("the robot does not arm")
+    lib, microcontroller = rider.robot.lib, getattr(rider.robot.robot, board.name)
+    lib.microcontroller_longest_awake(microcontroller)  # the start is another matter
+    cycle, slept = lib.microcontroller_cycle(microcontroller), lib.microcontroller_slept(microcontroller)
+    began = time.process_time()
+    for wish in ((0.3, 0.0), (0.0, 1.0), (0.0, 0.0)):
+        rider.tell(*wish)
+        rider.wait(SECONDS / 3.0)
+    worked = time.process_time() - began
+    passed = lib.microcontroller_cycle(microcontroller) - cycle
+    return {
+        "seed": seed,
+        "flash": flash_of(board.name),
+        "ram": RAM - lib.microcontroller_untouched(microcontroller),
+        "step": rider.statuses[board.source][6] * MHZ,
+        "awake": lib.microcontroller_longest_awake(microcontroller),
+        "asleep": 100.0 * (lib.microcontroller_slept(microcontroller) - slept) / passed,
+        "speed": SECONDS / worked,
+    }
+
+
+def of(key: str, whole: int):
+    """The worst of the runs, and its share of the whole."""
+
+    def text(row: Row) -> str:
+        worst = max(record[key] for record in row.records)
+        return f"{worst:,} ({100.0 * worst / whole:.0f} %)"
+
+    return text
+
+
+BENCH = Bench(
+    name="avr",
+    about="what the boards' programs take of their ATmega32s, and how fast the pair simulates",
+    rows=each(run, {"drive board": Board("drive", DRIVE), "sensor board": Board("sensor", SENSOR)}),
+    columns=(
+        Column("flash (bytes)", of("flash", FLASH)),
+        Column("RAM with stack, high-water mark (bytes)", of("ram", RAM)),
+        Column("worst step it tells (cycles, share of 5 ms)", of("step", STEP_CYCLES)),
+        Column("longest between two sleeps (the same)", of("awake", STEP_CYCLES)),
+        Column("asleep: median (%)", figures("asleep", 0, 0.5)),
+        Column("pair: x real time of a core", figures("speed", 1, 0.5)),
+        Column("runs", runs),
+    ),
+    seeds=3,
+    minutes=1,
+    is_timed=True,
+    heading="program",
+)
