@@ -1,4 +1,4 @@
-"""What the boards' programs take of their ATmega32s: flash, RAM with its stack, time; and how fast the pair simulates."""
+"""What the boards' programs take of their ATmega32s in flash, RAM and time, and how fast the pair simulates."""
 
 from __future__ import annotations
 

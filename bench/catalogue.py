@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from bench import (
     ablation,
-    avr,
     accepts,
+    avr,
     beams,
     calibration,
     claims,

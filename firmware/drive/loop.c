@@ -132,10 +132,10 @@ static struct drive_health health_of(const struct drive_loop *loop, const struct
     return health;
 }
 
-static void compare(struct drive_loop *loop, const struct rolled *rolled, const struct inertial_sums *sums)
+static void compare(struct drive_loop *loop, const struct rolled *rolled)
 {
     if (supervisor_is_balancing(&loop->supervisor))
-        agreement_step(&loop->agreement, rolled->speed, loop->tilt.angle, tilt_of_gravity(&loop->tilt, sums));
+        agreement_step(&loop->agreement, rolled->speed, loop->tilt.angle, loop->tilt.gravity);
     else
         agreement_rest(&loop->agreement, rolled->speed);
 }
@@ -166,7 +166,7 @@ uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *sam
         loop->tilt.is_rested = false;
     const struct rolled rolled =
         odometry_step(&loop->odometry, samples->left_ticks, samples->right_ticks, loop->tilt.rate);
-    compare(loop, &rolled, &samples->inertial);
+    compare(loop, &rolled);
     const struct drive_health health = health_of(loop, samples, is_rested, &rolled);
     if (supervisor_step(&loop->supervisor, &health)) {
         const struct lean lean = {loop->tilt.angle, loop->tilt.rate};

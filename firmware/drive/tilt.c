@@ -32,6 +32,7 @@ void tilt_init(struct tilt *tilt)
 {
     tilt->angle = 0.0f;
     tilt->rate = 0.0f;
+    tilt->gravity = 0.0f;
     tilt->gyro_zero = 0.0f;
     tilt->accelerometer_zero = tilt->level = TILT_ZERO_COUNTS;
     tilt->rail_steps = 0;
@@ -59,7 +60,8 @@ float tilt_of_gravity(const struct tilt *tilt, const struct inertial_sums *sums)
 void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)
 {
     tilt->rate = raw_rate(sums) - tilt->gyro_zero;
-    const float disagreement = tilt_of_gravity(tilt, sums) - tilt->angle;
+    tilt->gravity = tilt_of_gravity(tilt, sums); /* once per step: it takes long */
+    const float disagreement = tilt->gravity - tilt->angle;
     tilt->angle += (tilt->rate + disagreement / TIME_CONSTANT) * TILT_DT;
     tilt->gyro_zero -= disagreement * (TILT_DT / (TIME_CONSTANT * TRIM_TIME));
     if (!is_at_rail(sums->gyro) && !is_at_rail(sums->accelerometer))

@@ -29,6 +29,7 @@ struct inertial_sums {
 struct tilt {
     float angle;
     float rate;
+    float gravity;       /* the angle that the accelerometer alone shows at this step */
     float gyro_zero;     /* rad/s that the gyro shows at rest */
     float accelerometer_zero; /* counts that the accelerometer shows upright; a setting, TILT_ZERO_COUNTS unless learned */
     float rest_sum;      /* of the raw rate while still, */
