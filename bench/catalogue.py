@@ -7,6 +7,7 @@ from bench import (
     accepts,
     avr,
     beams,
+    builds,
     calibration,
     claims,
     crazyflie,
@@ -48,5 +49,6 @@ CATALOGUE: tuple[Bench, ...] = (
     safety.BENCH,
     avr.BENCH,
     *ride.BENCHES,
+    builds.BENCH,
     *dashboard.BENCHES,
 )
