@@ -102,8 +102,9 @@ def test_resistors_make_the_scales_of_the_program():
     assert 5000.0 / float(hall) * 1000 == pytest.approx(constant("HALL_FULL_MA"))
 
 
-def test_fuses_are_those_of_the_firmware_s_page():
+def test_fuses_of_the_firmware_s_page_are_explained():
     page = (Path(__file__).resolve().parents[2] / "docs" / "firmware.md").read_text()
-    low, high = re.findall(r"`[lh]fuse` (0x\w\w)", page)
-    assert f"lfuse:w:{low}:m" in PAGE
-    assert f"hfuse:w:{high}:m" in PAGE
+    section = PAGE.split("## Flash\n")[1]
+    (low,), (high,) = re.findall(r"`lfuse` (0x\w\w)", page), re.findall(r"`hfuse` (0x\w\w)", page)
+    assert re.search(rf"^\| low \|.*{low}", section, re.MULTILINE)
+    assert re.search(rf"^\| high \|.*{high}", section, re.MULTILINE)
