@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from firmware.virtual.__main__ import main
 from firmware.virtual.avr.programs import programs
 from firmware.virtual.pace import LEAST_SHARE, NAP, WINDOW, Pace
 from tests.firmware.avr_tools import need_simavr
-from tests.firmware.virtual_wire import drive_for, room
+from tests.firmware.virtual_wire import ODOMETRY, arm_command, drive_for, frames, newest_time, room
 
 
 def both(**kind):
@@ -59,6 +60,25 @@ def test_who_drives_a_plan_beside_the_radio_harms_no_frame_of_the_host_s():
     drive_for(robot, 2.0, -0.3)
     assert robot.boards.accepted[0] == 20
     assert robot.pose[0] < before
+
+
+def test_the_truth_goes_on_when_the_drive_board_begins_anew():
+    need_simavr()
+    robot = VirtualCrunch(room(4, 4), seed=1, build="avr")
+    robot.advance(1.0)
+    boards: Any = robot.boards
+    boards.lib.microcontroller_hang(boards.robot.drive)
+    robot.advance(0.5)
+    assert robot.state == "disarmed"
+    robot.pick_up()
+    robot.write(arm_command(1, newest_time(robot.advance(0.5))))
+    told = robot.advance(4.0)
+    assert robot.state in ("armed", "link_lost")
+    times, poses = robot.truth()
+    assert np.all(np.diff(times) > 0.0)
+    assert times[-1] == pytest.approx(robot.time, abs=0.05)
+    assert np.hypot(*(poses[-1] - robot.pose)[:2]) < 0.01
+    assert sum(frame.channel == ODOMETRY for frame in frames(told)) == np.sum(times > 2.0)
 
 
 def test_a_machine_without_the_tools_is_told_what_to_install(monkeypatch, capsys):

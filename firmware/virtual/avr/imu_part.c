@@ -22,7 +22,7 @@
 #define RATE_NOISE 0.05       /* deg/s rms behind the low-pass of 100 Hz */
 #define ALONG_NOISE 0.0049    /* g rms: 0.4 mg per square root of a Hz, 94 Hz of first order */
 #define PASSED 0.45           /* share of the news in 1 ms: 1 - exp(-2 pi 94 / 1000) */
-#define UNFILTERED 4.0        /* noise in that is so much more than noise out, squared: (2 - PASSED) / PASSED */
+#define LOUDER 1.856          /* noise before the low-pass, of noise behind it: the root of (2 - PASSED) / PASSED */
 #define RATE_ZERO_SPREAD 7.0  /* deg/s: the datasheet's 20 are the most */
 #define ALONG_ZERO_SPREAD 0.0025 /* as the analogue one's, trimmed */
 
@@ -54,9 +54,8 @@ void imu_part_measure(struct imu_part *part, const struct body *body)
 {
     const double along = -sin(body->tilt) + body->acceleration * cos(body->tilt) / GRAVITY + part->along_zero;
     const double rate = DEGREES * body->tilt_rate + part->gyro_zero;
-    const double louder = sqrt(UNFILTERED);
-    part->along += PASSED * (along + louder * ALONG_NOISE * noise_normal(&part->noise) - part->along);
-    part->rate += PASSED * (rate + louder * RATE_NOISE * noise_normal(&part->noise) - part->rate);
+    part->along += PASSED * (along + LOUDER * ALONG_NOISE * noise_normal(&part->noise) - part->along);
+    part->rate += PASSED * (rate + LOUDER * RATE_NOISE * noise_normal(&part->noise) - part->rate);
     if (part->is_stuck || part->registers[POWER] & ASLEEP || part->registers[LOW_PASS] != LOW_PASS_94_HZ ||
         part->registers[GYRO_RANGE] || part->registers[ALONG_RANGE])
         return;
