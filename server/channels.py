@@ -19,6 +19,7 @@ from pydantic import Field
 
 from server.link import Frame
 from server.messages import (
+    AdjustCommand,
     ArmCommand,
     Balance,
     Command,
@@ -27,6 +28,7 @@ from server.messages import (
     Message,
     Power,
     Ranges,
+    Setting,
     Status,
     StopCommand,
     Wheels,
@@ -42,6 +44,14 @@ REASONS = (
     "none", "command", "fell", "link", "stall", "current", "battery", "sensor", "charger", "boot",
     "blocked", "lifted", "disagreement", "watchdog",
 )  # fmt: skip
+SETTINGS = (
+    "odometry_ms", "balance_ms", "sonar_ms", "infrared_ms", "tilt", "tilt_rate", "speed", "position", "turn_rate",
+    "heading", "feed_turn", "time_constant", "level",
+)  # fmt: skip
+STREAMS = SETTINGS[:4]  # which both boards have; the others are the drive board's
+VERBS = ("ask", "set", "store", "built in", "zero gyro", "level")
+OUTCOMES = ("done", "unknown", "bounds", "budget", "moving", "memory")
+RECORDS = ("none", "sound", "spoiled", "writing")
 
 SONAR_SLOT_MS = 40
 NO_RETURN = 0xFFFF
@@ -165,8 +175,24 @@ def _infrared(values: tuple, t: float, calibration: Calibration, _: int) -> list
     return [Ranges(t, "infrared", np.array([table[counts] for counts in values]))]
 
 
-STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, LAST_WORDS = 1, 2, 3, 4, 5, 6, 8
-DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND = 16, 17, 18
+ANSWER = struct.Struct("<BBBBBBf")  # before its check
+
+
+def _is_setting(values: tuple) -> bool:
+    *fields, check = values
+    verb, setting, _, outcome, record, is_stored, value = fields
+    is_known = verb < len(VERBS) and setting < len(SETTINGS) and outcome < len(OUTCOMES) and record < len(RECORDS)
+    return is_known and is_stored <= 1 and math.isfinite(value) and zlib.crc32(ANSWER.pack(*fields)) == check
+
+
+def _setting(values: tuple, t: float, _: Calibration, source: int) -> list[Message]:
+    verb, setting, sequence, outcome, record, is_stored, value, _check = values
+    asked = (SOURCES[source], VERBS[verb], SETTINGS[setting], sequence)
+    return [Setting(t, *asked, OUTCOMES[outcome], RECORDS[record], bool(is_stored), value)]
+
+
+STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, SETTING, LAST_WORDS = 1, 2, 3, 4, 5, 6, 7, 8
+DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND, ADJUST_COMMAND = 16, 17, 18, 19
 
 CHANNELS: dict[int, Channel] = {
     row.number: row
@@ -189,9 +215,11 @@ CHANNELS: dict[int, Channel] = {
         ),
         Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _is_sonar, _sonar),
         Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), lambda v: max(v) <= MAX_COUNT, _infrared),
+        Channel(SETTING, "setting", struct.Struct("<BBBBBBfI"), (DRIVE, SENSOR), _is_setting, _setting),
         Channel(DRIVE_COMMAND, "drive", struct.Struct("<hhHI"), (HOST,), None, None),
         Channel(STOP_COMMAND, "stop", struct.Struct("<HI"), (HOST,), None, None),
         Channel(ARM_COMMAND, "arm", struct.Struct("<HHI"), (HOST,), None, None),
+        Channel(ADJUST_COMMAND, "adjust", struct.Struct("<BBBfHI"), (HOST,), None, None),
     )
 }
 
@@ -232,8 +260,8 @@ def uptime_and_boots(values: tuple) -> tuple[int, int]:
 def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:
     """A command as the host's frame.
 
-    `echo_ms` is the newest time (16 bits) seen from the drive board: it goes into the payload, so that the board can
-    refuse what was long under way, and into the header, since the host keeps no board time of its own.
+    `echo_ms` is the newest time (16 bits) seen from the board that it is for: it goes into the payload, so that the
+    board can refuse what was long under way, and into the header, since the host keeps no board time of its own.
     """
     match command:
         case DriveCommand(speed, turn):
@@ -242,9 +270,25 @@ def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:
             number, body = STOP_COMMAND, struct.pack("<H", echo_ms)
         case ArmCommand(armed):
             number, body = ARM_COMMAND, struct.pack("<HH", int(armed), echo_ms)
+        case AdjustCommand():
+            number, body = ADJUST_COMMAND, pack_adjustment(command, echo_ms)
         case _:
             raise TypeError(f"not a command: {command!r}")
     return Frame(HOST, number, sequence, echo_ms, body + struct.pack("<I", zlib.crc32(body)))
+
+
+def pack_adjustment(command: AdjustCommand, echo_ms: int) -> bytes:
+    """An adjustment's payload before its check; ValueError for a value that no board can hold."""
+    what = (addressee(command), VERBS.index(command.verb), SETTINGS.index(command.setting))
+    try:
+        return struct.pack("<BBBfH", *what, command.value, echo_ms)
+    except OverflowError:
+        raise ValueError(f"{command.value} does not fit an adjustment") from None
+
+
+def addressee(command: Command) -> int:
+    """The source number of the board that a command is for."""
+    return SENSOR if isinstance(command, AdjustCommand) and command.board == SOURCES[SENSOR] else DRIVE
 
 
 def milli(value: float) -> int:

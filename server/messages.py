@@ -88,6 +88,25 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
+class Setting:
+    """A board's answer to an adjustment: what came of it, and the setting's value in force.
+
+    `sequence` is the adjustment's own number; `record` is how the settings in the EEPROM are, `is_stored` whether they
+    hold this value. The value that answers `zero gyro` is the gyro's zero (rad/s).
+    """
+
+    t: float
+    board: str
+    verb: str
+    setting: str
+    sequence: int
+    outcome: str
+    record: str
+    is_stored: bool
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class LastWords:
     """How the drive board's run ended that its last reset cut off: state, reason, and its uptimes (s) since when and
     at the end."""
@@ -194,6 +213,16 @@ class ArmCommand:
     armed: bool
 
 
+@dataclass(frozen=True, slots=True)
+class AdjustCommand:
+    """Ask a board for a setting or set it, store all of them, take the built-in ones, zero the gyro: see `channels`."""
+
+    board: str
+    verb: str
+    setting: str
+    value: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
     """Effect: a vertex for the estimator.
@@ -254,6 +283,8 @@ class Snapshot:
     labels: tuple[Label, ...] = ()
 
 
-Message = Wheels | Odometry | Ranges | Balance | Power | Status | LastWords | Drive | Goal | Stop | Arm | Estimate
-Command = DriveCommand | StopCommand | ArmCommand
+Message = (
+    Wheels | Odometry | Ranges | Balance | Power | Status | LastWords | Setting | Drive | Goal | Stop | Arm | Estimate
+)
+Command = DriveCommand | StopCommand | ArmCommand | AdjustCommand
 Effect = DriveCommand | StopCommand | ArmCommand | Keyframe

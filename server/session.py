@@ -135,7 +135,7 @@ class Session:
         return channels.convert(frame, values, sampled, self.calibration)
 
     def _frame(self, command: Command) -> bytes:
-        echo_ms = self.clocks[channels.DRIVE].newest_ms
+        echo_ms = self.clocks[channels.addressee(command)].newest_ms
         frame = channels.encode_command(command, self.sequence, echo_ms)
         self.sequence = (self.sequence + 1) % 256
         return link.encode(frame)

@@ -65,9 +65,19 @@ struct boot board_init(void)
     return boot;
 }
 
-bool board_load_gains(struct balance_gains *gains)
+bool board_memory_is_free(void)
 {
-    return eeprom_load(gains, sizeof *gains);
+    return eeprom_is_free();
+}
+
+uint8_t board_memory_read(uint8_t at)
+{
+    return eeprom_read(at);
+}
+
+void board_memory_write(uint8_t at, uint8_t byte)
+{
+    eeprom_write(at, byte);
 }
 
 uint32_t board_ms(void)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * One record of at most 64 bytes near the start of the EEPROM: its length, its bytes, and a CRC-16 over both. An erased or
- * half-written record is none.
+ * The EEPROM, byte by byte: the hardware writes one in 8.5 ms by itself while the program goes on. Addresses count from
+ * the settings' record, which lies a few cells from the start: those are the first that a dip of the supply spoils.
  */
 #ifndef CRUNCH_AVR_EEPROM_H
 #define CRUNCH_AVR_EEPROM_H
@@ -9,12 +9,12 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define EEPROM_MAX_RECORD 64
+/* False while a byte is being written; only then may the others be called, or they wait for it. */
+bool eeprom_is_free(void);
 
-/* False, and `record` is as it was, unless the EEPROM holds a sound record of this size. */
-bool eeprom_load(void *record, uint8_t size);
+uint8_t eeprom_read(uint8_t at);
 
-/* Takes up to 9 ms per byte that differs and pets the watchdog meanwhile: not to be called while balancing. */
-void eeprom_store(const void *record, uint8_t size);
+/* Begins to write a byte that differs. */
+void eeprom_write(uint8_t at, uint8_t byte);
 
 #endif

@@ -15,6 +15,7 @@
 
 #include "adc.h"
 #include "capture.h"
+#include "eeprom.h"
 #include "ticks.h"
 #include "uart.h"
 #include "watchdog.h"
@@ -105,6 +106,21 @@ void board_send(const uint8_t *frame, uint8_t size)
 bool board_is_granted(void)
 {
     return (PIND & GRANT) != 0;
+}
+
+bool board_memory_is_free(void)
+{
+    return eeprom_is_free();
+}
+
+uint8_t board_memory_read(uint8_t at)
+{
+    return eeprom_read(at);
+}
+
+void board_memory_write(uint8_t at, uint8_t byte)
+{
+    eeprom_write(at, byte);
 }
 
 void board_pet(uint16_t worst_loop_us)

@@ -11,8 +11,10 @@
 /* All hardware on, motors off, interrupts enabled; returns what the status frame says about this start. */
 struct boot board_init(void);
 
-/* The gains that somebody has stored; false where there are none, or their checksum is wrong. */
-bool board_load_gains(struct balance_gains *gains);
+/* The EEPROM, from the settings' record on. A byte is written within 8.5 ms, until when the memory is not free. */
+bool board_memory_is_free(void);
+uint8_t board_memory_read(uint8_t at);
+void board_memory_write(uint8_t at, uint8_t byte);
 
 uint32_t board_ms(void);
 uint16_t board_us(void); /* wraps at 65536 */

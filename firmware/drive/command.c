@@ -1,54 +1,31 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "command.h"
 
-#include "../link/crc.h"
+#include "../link/seal.h"
 
 #include <stddef.h>
-
-static uint16_t get16(const uint8_t *bytes)
-{
-    return (uint16_t)(bytes[0] | (uint16_t)((uint16_t)bytes[1] << 8));
-}
-
-static uint32_t get32(const uint8_t *bytes)
-{
-    return (uint32_t)get16(bytes) | (uint32_t)get16(bytes + 2) << 16;
-}
-
-/* The check stands last and covers all before it. */
-static bool is_intact(const struct frame *frame, uint8_t size)
-{
-    const uint8_t covered = (uint8_t)(size - sizeof(uint32_t));
-    return frame->size == size && crc32_of(frame->payload, covered) == get32(frame->payload + covered);
-}
-
-/* An echo from the future wraps to a great age. */
-static bool is_fresh(uint16_t echo_ms, uint16_t now_ms)
-{
-    return (uint16_t)(now_ms - echo_ms) <= COMMAND_MAX_AGE_MS;
-}
 
 static enum command_kind judge_drive(const struct frame *frame, uint16_t now_ms, struct drive_wish *wish)
 {
     const uint8_t *payload = frame->payload;
-    if (!is_intact(frame, sizeof(struct drive_payload)))
+    if (!seal_is_intact(frame, sizeof(struct drive_payload)))
         return COMMAND_REFUSED;
-    if (!is_fresh(get16(payload + offsetof(struct drive_payload, echo_ms)), now_ms))
+    if (!seal_is_fresh(seal_get16(payload + offsetof(struct drive_payload, echo_ms)), now_ms))
         return COMMAND_REFUSED;
-    wish->speed = (float)(int16_t)get16(payload + offsetof(struct drive_payload, speed)) / 1000.0f;
-    wish->turn = (float)(int16_t)get16(payload + offsetof(struct drive_payload, turn)) / 1000.0f;
+    wish->speed = (float)(int16_t)seal_get16(payload + offsetof(struct drive_payload, speed)) / 1000.0f;
+    wish->turn = (float)(int16_t)seal_get16(payload + offsetof(struct drive_payload, turn)) / 1000.0f;
     return COMMAND_DRIVE;
 }
 
 static enum command_kind judge_arm(const struct frame *frame, uint16_t now_ms)
 {
     const uint8_t *payload = frame->payload;
-    if (!is_intact(frame, sizeof(struct arm_payload)))
+    if (!seal_is_intact(frame, sizeof(struct arm_payload)))
         return COMMAND_REFUSED;
-    const uint16_t arm = get16(payload + offsetof(struct arm_payload, arm));
+    const uint16_t arm = seal_get16(payload + offsetof(struct arm_payload, arm));
     if (arm == 0)
         return COMMAND_DISARM; /* like a stop, never too old */
-    if (arm != 1 || !is_fresh(get16(payload + offsetof(struct arm_payload, echo_ms)), now_ms))
+    if (arm != 1 || !seal_is_fresh(seal_get16(payload + offsetof(struct arm_payload, echo_ms)), now_ms))
         return COMMAND_REFUSED;
     return COMMAND_ARM;
 }
@@ -60,7 +37,7 @@ struct command command_of_frame(const struct frame *frame, uint16_t now_ms)
         return command;
     if (frame->channel == CHANNEL_DRIVE)
         command.kind = judge_drive(frame, now_ms, &command.wish);
-    else if (frame->channel == CHANNEL_STOP && is_intact(frame, sizeof(struct stop_payload)))
+    else if (frame->channel == CHANNEL_STOP && seal_is_intact(frame, sizeof(struct stop_payload)))
         command.kind = COMMAND_STOP;
     else if (frame->channel == CHANNEL_ARM)
         command.kind = judge_arm(frame, now_ms);

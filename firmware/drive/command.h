@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Which frames from the host may move the robot. Beside the frame's CRC-16 a command carries a CRC-32, so that noise
- * cannot forge it, and the board's own last time as an echo, so that one that was long under way is not obeyed.
+ * Which frames from the host may move the robot: those that carry their seal (link/seal.h).
  */
 #ifndef CRUNCH_DRIVE_COMMAND_H
 #define CRUNCH_DRIVE_COMMAND_H
 
 #include "../link/frame.h"
 #include "balance.h"
-
-#define COMMAND_MAX_AGE_MS 1000
 
 enum command_kind { COMMAND_REFUSED = 0, COMMAND_DRIVE, COMMAND_STOP, COMMAND_ARM, COMMAND_DISARM };
 

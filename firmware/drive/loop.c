@@ -6,6 +6,16 @@
 #define MAX_DUTY_BYTE 127.0f
 #define WATCHDOG_RESET 0x08 /* MCUCSR: WDRF */
 
+static void apply_settings(struct drive_loop *loop)
+{
+    const float *values = loop->adjuster.settings.values;
+    memcpy(&loop->balance.gains, values + SETTING_TILT, sizeof loop->balance.gains);
+    loop->tilt.time_constant = values[SETTING_TIME_CONSTANT];
+    loop->tilt.accelerometer_zero = TILT_ZERO_COUNTS + values[SETTING_LEVEL] / TILT_G_PER_COUNT;
+    loop->telemetry.odometry_ms = (uint16_t)values[SETTING_ODOMETRY_MS];
+    loop->telemetry.balance_ms = (uint16_t)values[SETTING_BALANCE_MS];
+}
+
 void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct outbox *outbox)
 {
     memset(loop, 0, sizeof *loop);
@@ -18,6 +28,84 @@ void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct ou
         loop->supervisor.reason = STOP_WATCHDOG;
     telemetry_init(&loop->telemetry);
     frame_decoder_init(&loop->decoder);
+    drive_settings_init(&loop->adjuster.settings);
+    apply_settings(loop);
+}
+
+void drive_loop_load(struct drive_loop *loop, const uint8_t *record)
+{
+    settings_load(&loop->adjuster.settings, record);
+    apply_settings(loop);
+}
+
+static void answer_zeroing(struct drive_loop *loop, const struct adjustment *zeroing, enum adjust_outcome outcome)
+{
+    adjust_answer(&loop->adjuster, &loop->teller, zeroing, outcome, loop->tilt.gyro_zero);
+    loop->is_zeroing = false;
+}
+
+/* The gyro is zeroed over the second that follows; the answer comes after it. */
+static void begin_zeroing(struct drive_loop *loop, const struct adjustment *adjustment)
+{
+    if (supervisor_is_balancing(&loop->supervisor)) {
+        answer_zeroing(loop, adjustment, OUTCOME_MOVING);
+        return;
+    }
+    loop->zeroing = *adjustment;
+    if (loop->is_zeroing) /* asked again: it is under way */
+        return;
+    loop->is_zeroing = true;
+    loop->zeroing_steps = 0;
+    tilt_zero(&loop->tilt);
+}
+
+/* A body that moved, or began to balance, has fewer steps of rest than went by. */
+static void judge_zeroing(struct drive_loop *loop)
+{
+    if (!loop->is_zeroing)
+        return;
+    loop->zeroing_steps++;
+    if (loop->tilt.rest_steps != loop->zeroing_steps % TILT_REST_STEPS)
+        answer_zeroing(loop, &loop->zeroing, OUTCOME_MOVING);
+    else if (loop->zeroing_steps == TILT_REST_STEPS)
+        answer_zeroing(loop, &loop->zeroing, OUTCOME_DONE);
+}
+
+/* The robot is held upright: what the accelerometer shows now becomes the setting, to be stored like the others. */
+static void learn_level(struct drive_loop *loop, const struct adjustment *adjustment)
+{
+    struct settings *settings = &loop->adjuster.settings;
+    const bool is_learned = !supervisor_is_balancing(&loop->supervisor) && tilt_level(&loop->tilt);
+    enum adjust_outcome outcome = OUTCOME_MOVING;
+    if (is_learned)
+        outcome = settings_set(settings, SETTING_LEVEL,
+                               (loop->tilt.accelerometer_zero - TILT_ZERO_COUNTS) * TILT_G_PER_COUNT);
+    apply_settings(loop);
+    adjust_answer(&loop->adjuster, &loop->teller, adjustment, outcome, settings->values[SETTING_LEVEL]);
+}
+
+static void obey_adjustment(struct drive_loop *loop, const struct adjustment *adjustment)
+{
+    if (adjustment->verb == VERB_ZERO_GYRO) {
+        begin_zeroing(loop, adjustment);
+        return;
+    }
+    if (adjustment->verb == VERB_LEVEL) {
+        learn_level(loop, adjustment);
+        return;
+    }
+    adjust_obey(&loop->adjuster, &loop->teller, adjustment);
+    apply_settings(loop);
+}
+
+static void take_adjustment(struct drive_loop *loop, const struct frame *frame, uint16_t now_ms)
+{
+    struct adjustment adjustment;
+    const enum adjust_judgement judged = adjust_of_frame(frame, SOURCE_DRIVE, now_ms, &adjustment);
+    if (judged == ADJUST_GOOD)
+        obey_adjustment(loop, &adjustment);
+    else if (judged == ADJUST_REFUSED)
+        supervisor_refuse(&loop->supervisor);
 }
 
 enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte)
@@ -25,7 +113,12 @@ enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte)
     struct frame frame;
     if (!frame_decoder_feed(&loop->decoder, byte, &frame))
         return COMMAND_REFUSED;
-    const struct command command = command_of_frame(&frame, (uint16_t)loop->teller.uptime_ms);
+    const uint16_t now_ms = (uint16_t)loop->teller.uptime_ms;
+    if (frame.channel == CHANNEL_ADJUST) {
+        take_adjustment(loop, &frame, now_ms);
+        return COMMAND_REFUSED;
+    }
+    const struct command command = command_of_frame(&frame, now_ms);
     supervisor_obey(&loop->supervisor, &command);
     return command.kind;
 }
@@ -164,6 +257,7 @@ uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *sam
     const bool is_rested = !was_balancing && tilt_rest(&loop->tilt, &samples->inertial);
     if (was_balancing)
         loop->tilt.is_rested = false;
+    judge_zeroing(loop);
     const struct rolled rolled =
         odometry_step(&loop->odometry, samples->left_ticks, samples->right_ticks, loop->tilt.rate);
     compare(loop, &rolled);

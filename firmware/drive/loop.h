@@ -7,9 +7,10 @@
 #ifndef CRUNCH_DRIVE_LOOP_H
 #define CRUNCH_DRIVE_LOOP_H
 
-#include "../link/teller.h"
+#include "../link/adjust.h"
 #include "agreement.h"
 #include "power.h"
+#include "settings.h"
 #include "supervisor.h"
 #include "telemetry.h"
 #include "tilt.h"
@@ -30,11 +31,18 @@ struct drive_loop {
     struct telemetry telemetry;
     struct frame_decoder decoder;
     struct ending ending; /* what would be this run's last words */
+    struct adjuster adjuster;
+    struct adjustment zeroing; /* to be answered when the gyro's zero is learned */
+    bool is_zeroing;
+    uint16_t zeroing_steps;
     struct duties duties; /* what the motors are to do until the next step */
 };
 
 /* Motors off, encoders at zero. The outbox must outlive the loop. */
 void drive_loop_init(struct drive_loop *loop, const struct boot *boot, struct outbox *outbox);
+
+/* The settings of the EEPROM's record, SETTINGS_RECORD_SIZE(DRIVE_SETTINGS) bytes, if it is sound. */
+void drive_loop_load(struct drive_loop *loop, const uint8_t *record);
 
 /* A byte from the host; returns the kind of command that it completed and that was obeyed, else COMMAND_REFUSED. */
 enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte);

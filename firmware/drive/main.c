@@ -21,6 +21,27 @@ static void take_commands(void)
         drive_loop_receive(&loop, byte);
 }
 
+static void load_settings(void)
+{
+    uint8_t record[SETTINGS_RECORD_SIZE(DRIVE_SETTINGS)];
+    for (uint8_t at = 0; at < sizeof record; at++)
+        record[at] = board_memory_read(at);
+    drive_loop_load(&loop, record);
+}
+
+/* One byte of a record under way, if the memory is free: a step never waits for it. */
+static void keep_settings(void)
+{
+    struct settings_work work;
+    if (!settings_work(&loop.adjuster.settings, &work) || !board_memory_is_free())
+        return;
+    if (!work.is_write)
+        work.byte = board_memory_read(work.at);
+    else if (board_memory_read(work.at) != work.byte)
+        board_memory_write(work.at, work.byte);
+    adjust_did(&loop.adjuster, &loop.teller, work.byte);
+}
+
 static void step(void)
 {
     struct drive_samples samples;
@@ -32,6 +53,7 @@ static void step(void)
         board_drive(&loop.duties);
     else
         board_motors_off();
+    keep_settings();
     const uint16_t loop_us = (uint16_t)(board_us() - start_us);
     if (loop_us > loop.teller.worst_loop_us)
         loop.teller.worst_loop_us = loop_us;
@@ -50,19 +72,12 @@ static void share_line(void)
         board_send(frame, size);
 }
 
-static void take_stored_gains(void)
-{
-    struct balance_gains gains;
-    if (board_load_gains(&gains))
-        loop.balance.gains = gains;
-}
-
 int main(void)
 {
     const struct boot boot = board_init();
     outbox_init(&outbox, outbox_bytes, OUTBOX_BYTES);
     drive_loop_init(&loop, &boot, &outbox);
-    take_stored_gains();
+    load_settings();
     turns_init(&turns);
     for (;;) {
         const uint32_t now_ms = board_ms();

@@ -68,11 +68,16 @@ static void ask_to_arm(struct supervisor *supervisor)
     supervisor->upright_ms = 0;
 }
 
+void supervisor_refuse(struct supervisor *supervisor)
+{
+    if (supervisor->refused < UINT16_MAX)
+        supervisor->refused++;
+}
+
 void supervisor_obey(struct supervisor *supervisor, const struct command *command)
 {
     if (command->kind == COMMAND_REFUSED) {
-        if (supervisor->refused < UINT16_MAX)
-            supervisor->refused++;
+        supervisor_refuse(supervisor);
         return;
     }
     supervisor->acknowledged = command->sequence;

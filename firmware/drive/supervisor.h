@@ -63,6 +63,9 @@ void supervisor_init(struct supervisor *supervisor);
 /* Obeys a command, or counts it as refused. */
 void supervisor_obey(struct supervisor *supervisor, const struct command *command);
 
+/* Counts a command that was not worth obeying. */
+void supervisor_refuse(struct supervisor *supervisor);
+
 /* One step of 5 ms; returns true while the motors may run. */
 bool supervisor_step(struct supervisor *supervisor, const struct drive_health *health);
 

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * When the drive board tells what: odometry every 20 ms, balance twice a second and at once when the state changes,
- * power and status once a second. The slow ones are spread over the second so that they never meet.
+ * When the drive board tells what: odometry every 20 ms and balance twice a second if nothing else is set, balance also
+ * at once when the state changes, power and status once a second. The slow ones are spread over the second so that they
+ * do not meet.
  */
 #ifndef CRUNCH_DRIVE_TELEMETRY_H
 #define CRUNCH_DRIVE_TELEMETRY_H
@@ -13,7 +14,8 @@
 enum telemetry_due { TELEMETRY_ODOMETRY = 1, TELEMETRY_BALANCE = 2, TELEMETRY_POWER = 4, TELEMETRY_STATUS = 8 };
 
 struct telemetry {
-    uint16_t phase_ms; /* within the second */
+    uint16_t phase_ms; /* within STREAMS_CYCLE_MS */
+    uint16_t odometry_ms, balance_ms; /* periods */
     uint8_t state;     /* last one told */
 };
 

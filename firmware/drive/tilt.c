@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tilt.h"
 
-#define TIME_CONSTANT 3.0f   /* s; test before changing: 1 s falls */
 #define TRIM_TIME 30.0f      /* s; how slowly the gyro's zero follows */
 #define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
-#define STILL_STEPS 200      /* 1 s */
 #define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
 #define MAX_LEVEL 41.0f      /* counts from the middle, 0.2 g: a part beyond it is broken, or held askew */
 #define RAIL_LOW (4u * TILT_OVERSAMPLING)
@@ -35,6 +33,7 @@ void tilt_init(struct tilt *tilt)
     tilt->gravity = 0.0f;
     tilt->gyro_zero = 0.0f;
     tilt->accelerometer_zero = tilt->level = TILT_ZERO_COUNTS;
+    tilt->time_constant = TILT_TIME_CONSTANT;
     tilt->rail_steps = 0;
     tilt->is_rested = false;
     start_rest(tilt, 0.0f);
@@ -62,8 +61,8 @@ void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)
     tilt->rate = raw_rate(sums) - tilt->gyro_zero;
     tilt->gravity = tilt_of_gravity(tilt, sums); /* once per step: it takes long */
     const float disagreement = tilt->gravity - tilt->angle;
-    tilt->angle += (tilt->rate + disagreement / TIME_CONSTANT) * TILT_DT;
-    tilt->gyro_zero -= disagreement * (TILT_DT / (TIME_CONSTANT * TRIM_TIME));
+    tilt->angle += (tilt->rate + disagreement / tilt->time_constant) * TILT_DT;
+    tilt->gyro_zero -= disagreement * (TILT_DT / (tilt->time_constant * TRIM_TIME));
     if (!is_at_rail(sums->gyro) && !is_at_rail(sums->accelerometer))
         tilt->rail_steps = 0;
     else if (tilt->rail_steps < UINT16_MAX)
@@ -84,11 +83,11 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
     tilt->rest_sum += rate;
     tilt->level_sum += accelerometer_counts(sums);
     tilt->rest_steps++;
-    if (tilt->rest_steps == STILL_STEPS) {
-        tilt->gyro_zero = tilt->rest_sum / (float)STILL_STEPS;
+    if (tilt->rest_steps == TILT_REST_STEPS) {
+        tilt->gyro_zero = tilt->rest_sum / (float)TILT_REST_STEPS;
         if (!tilt->is_rested)
             tilt->angle = tilt_of_gravity(tilt, sums);
-        tilt->level = tilt->level_sum / (float)STILL_STEPS;
+        tilt->level = tilt->level_sum / (float)TILT_REST_STEPS;
         tilt->is_rested = true;
         start_rest(tilt, rate); /* and learn on, second by second */
     }
@@ -105,4 +104,9 @@ bool tilt_level(struct tilt *tilt)
     tilt->accelerometer_zero = tilt->level;
     tilt->angle = 0.0f;
     return true;
+}
+
+void tilt_zero(struct tilt *tilt)
+{
+    start_rest(tilt, tilt->rate + tilt->gyro_zero);
 }

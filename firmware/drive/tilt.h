@@ -13,7 +13,10 @@
 #include <stdint.h>
 
 #define TILT_OVERSAMPLING 5 /* ADC readings summed per step: 1 kHz sweep, 200 Hz loop */
+#define TILT_REST_STEPS 200 /* 1 s, over which the gyro's zero is learned */
 #define TILT_DT 0.005f      /* s between steps */
+
+#define TILT_TIME_CONSTANT 3.0f /* s, built-in; test before changing: 1 s falls */
 
 /* 10-bit ADC on 5 V: ADXRS150 12.5 mV per deg/s around 2.5 V, ADXL203 1 V per g around 2.5 V. */
 #define TILT_ZERO_COUNTS 512.0f
@@ -32,9 +35,10 @@ struct tilt {
     float gravity;       /* the angle that the accelerometer alone shows at this step */
     float gyro_zero;     /* rad/s that the gyro shows at rest */
     float accelerometer_zero; /* counts that the accelerometer shows upright; a setting, TILT_ZERO_COUNTS unless learned */
+    float time_constant; /* s, of the filter; a setting */
     float rest_sum;      /* of the raw rate while still, */
     float level_sum;     /* and of the accelerometer's counts, */
-    uint16_t rest_steps; /* over so many steps */
+    uint16_t rest_steps; /* over so many steps; a motion begins them anew */
     float level;         /* the accelerometer's counts in the last whole second of rest */
     float rest_low;      /* extremes of the raw rate in this rest */
     float rest_high;
@@ -55,6 +59,9 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums);
  * neither falls forward nor backward. Changes nothing and returns false unless it is at rest and within 0.2 g of the
  * middle. */
 bool tilt_level(struct tilt *tilt);
+
+/* Begins the second of rest anew: the gyro's zero is learned from what comes from now on. */
+void tilt_zero(struct tilt *tilt);
 
 /* Angle that the accelerometer alone shows. */
 float tilt_of_gravity(const struct tilt *tilt, const struct inertial_sums *sums);

@@ -29,10 +29,12 @@ enum link_channel {
     CHANNEL_POWER = 4,    /* drive board, 1 Hz */
     CHANNEL_SONAR = 5,    /* sensor board, 12.5 Hz */
     CHANNEL_INFRARED = 6, /* sensor board, 25 Hz */
+    CHANNEL_SETTING = 7,  /* either board: the answer to an adjustment */
     CHANNEL_LAST_WORDS = 8, /* drive board, 1 Hz after a start that left its memory intact */
     CHANNEL_DRIVE = 16,   /* host: speed and turn rate; refreshed at 10 Hz while a driver holds the stick */
     CHANNEL_STOP = 17,    /* host: speed and turn to zero at once; sent three times */
-    CHANNEL_ARM = 18      /* host: let the drive board arm once it stands upright; 0 disarms */
+    CHANNEL_ARM = 18,     /* host: let the drive board arm once it stands upright; 0 disarms */
+    CHANNEL_ADJUST = 19   /* host: a setting of one board asked for or changed, all of them stored, the gyro zeroed */
 };
 
 #define SONAR_COUNT 8
@@ -47,6 +49,38 @@ enum stop_reason {
     STOP_CURRENT = 5, STOP_BATTERY = 6, STOP_SENSOR = 7, STOP_CHARGER = 8, STOP_BOOT = 9,
     STOP_BLOCKED = 10, STOP_LIFTED = 11, STOP_DISAGREEMENT = 12,
     STOP_WATCHDOG = 13
+};
+
+/* What may be adjusted. Both boards have the streams' periods, whole ms; the drive board has all. */
+enum link_setting {
+    SETTING_ODOMETRY_MS = 0, SETTING_BALANCE_MS = 1, SETTING_SONAR_MS = 2, SETTING_INFRARED_MS = 3,
+    SETTING_TILT = 4,          /* gains of the balance law (drive/balance.h): 1/rad, */
+    SETTING_TILT_RATE = 5,     /* s/rad, */
+    SETTING_SPEED = 6,         /* s/m, */
+    SETTING_POSITION = 7,      /* 1/m, */
+    SETTING_TURN_RATE = 8,     /* s/rad, */
+    SETTING_HEADING = 9,       /* 1/rad, */
+    SETTING_FEED_TURN = 10,    /* s/rad */
+    SETTING_TIME_CONSTANT = 11, /* s, of the complementary filter */
+    SETTING_LEVEL = 12         /* g that the accelerometer shows while the robot is upright */
+};
+
+enum adjust_verb { VERB_ASK = 0, VERB_SET = 1, VERB_STORE = 2, VERB_BUILT_IN = 3, VERB_ZERO_GYRO = 4, VERB_LEVEL = 5 };
+
+enum adjust_outcome {
+    OUTCOME_DONE = 0,
+    OUTCOME_UNKNOWN = 1, /* this board has no such setting, or does no such thing */
+    OUTCOME_BOUNDS = 2,  /* the value is no number, or beyond the setting's bounds */
+    OUTCOME_BUDGET = 3,  /* the streams would take half of the line or more */
+    OUTCOME_MOVING = 4,  /* gyro and level are learned at rest only, and not while balancing */
+    OUTCOME_MEMORY = 5   /* the EEPROM did not keep what was written */
+};
+
+enum record_state { /* of the settings in the EEPROM */
+    RECORD_NONE = 0,    /* erased: the built-in settings were in force at the start */
+    RECORD_SOUND = 1,
+    RECORD_SPOILED = 2, /* its checksum is wrong or a value out of bounds: as with none */
+    RECORD_WRITING = 3
 };
 
 #define PACKED __attribute__((packed))
@@ -103,6 +137,17 @@ struct PACKED infrared_payload {
     uint16_t counts[INFRARED_COUNT]; /* 10-bit ADC */
 };
 
+struct PACKED setting_payload {
+    uint8_t verb;          /* of the adjustment that is answered, */
+    uint8_t setting;
+    uint8_t sequence;      /* and the number of its frame */
+    uint8_t outcome;       /* enum adjust_outcome */
+    uint8_t record;        /* enum record_state */
+    uint8_t is_stored;     /* 1: the record holds this setting's value */
+    float value;           /* in force; after VERB_ZERO_GYRO the zero, rad/s */
+    uint32_t check;        /* CRC-32 as in commands */
+};
+
 /* Commands carry a second, stronger checksum and the board's own last time as an echo, so that neither noise nor a
  * command that was long under way can move the robot. The CRC-32 (zlib's) covers the payload before it. */
 struct PACKED drive_payload {
@@ -123,6 +168,15 @@ struct PACKED arm_payload {
     uint32_t check;
 };
 
+struct PACKED adjust_payload {
+    uint8_t board;         /* the one that is meant, by its enum link_source */
+    uint8_t verb;          /* enum adjust_verb */
+    uint8_t setting;       /* enum link_setting, of VERB_ASK and VERB_SET */
+    float value;           /* of VERB_SET */
+    uint16_t echo_ms;      /* newest time seen in a frame of the board that is meant */
+    uint32_t check;
+};
+
 #define LINK_MAX_PAYLOAD 24
 #define LINK_MAX_FRAME (4 + LINK_MAX_PAYLOAD + 2)
 #define LINK_MAX_ENCODED (LINK_MAX_FRAME + 2) /* COBS adds one byte below 254, and the delimiter */
@@ -137,5 +191,8 @@ _Static_assert(sizeof(struct infrared_payload) == 16, "packed");
 _Static_assert(sizeof(struct drive_payload) == 10, "packed");
 _Static_assert(sizeof(struct stop_payload) == 6, "packed");
 _Static_assert(sizeof(struct arm_payload) == 8, "packed");
+_Static_assert(sizeof(struct setting_payload) == 14, "packed");
+_Static_assert(sizeof(struct adjust_payload) == 13, "packed");
+_Static_assert(sizeof(float) == 4, "single, on both machines");
 
 #endif

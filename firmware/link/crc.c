@@ -12,13 +12,18 @@ uint16_t crc16_update(uint16_t crc, uint8_t byte)
     return (uint16_t)(((uint16_t)(wide << 8) | (uint16_t)(crc >> 8)) ^ (uint16_t)(wide >> 4) ^ (uint16_t)(wide << 3));
 }
 
+uint32_t crc32_update(uint32_t crc, uint8_t byte)
+{
+    crc ^= byte;
+    for (uint8_t bit = 0; bit < 8; bit++)
+        crc = (crc & 1U) ? (crc >> 1) ^ CRC32_REFLECTED_POLYNOMIAL : crc >> 1;
+    return crc;
+}
+
 uint32_t crc32_of(const uint8_t *bytes, uint8_t size)
 {
-    uint32_t crc = 0xFFFFFFFFUL;
-    for (uint8_t i = 0; i < size; i++) {
-        crc ^= bytes[i];
-        for (uint8_t bit = 0; bit < 8; bit++)
-            crc = (crc & 1U) ? (crc >> 1) ^ CRC32_REFLECTED_POLYNOMIAL : crc >> 1;
-    }
+    uint32_t crc = CRC32_INITIAL;
+    for (uint8_t i = 0; i < size; i++)
+        crc = crc32_update(crc, bytes[i]);
     return ~crc;
 }

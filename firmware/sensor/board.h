@@ -37,6 +37,11 @@ void board_send(const uint8_t *frame, uint8_t size);
 /* GRANT: the drive board leaves the line to this one. */
 bool board_is_granted(void);
 
+/* The EEPROM, from the settings' record on. A byte is written within 8.5 ms, until when the memory is not free. */
+bool board_memory_is_free(void);
+uint8_t board_memory_read(uint8_t at);
+void board_memory_write(uint8_t at, uint8_t byte);
+
 /* Keeps the watchdog quiet; `worst_loop_us` outlives a reset. */
 void board_pet(uint16_t worst_loop_us);
 

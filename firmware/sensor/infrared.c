@@ -1,11 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "infrared.h"
 
+#include "../link/streams.h"
+
 #include <string.h>
 
 void infrared_init(struct infrared *infrared)
 {
     memset(infrared, 0, sizeof *infrared);
+    infrared->told_ms = STREAM_INFRARED_MS;
 }
 
 bool infrared_tick(struct infrared *infrared, uint32_t now_ms)
@@ -38,5 +41,5 @@ bool infrared_add(struct infrared *infrared, const uint16_t counts[INFRARED_COUN
     for (uint8_t i = 0; i < INFRARED_COUNT; i++)
         done->counts[i] = middle(infrared->readings[0][i], infrared->readings[1][i], infrared->readings[2][i]);
     *done_ms = infrared->frame_ms;
-    return true;
+    return infrared->frame_ms % infrared->told_ms == 0;
 }

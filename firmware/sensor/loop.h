@@ -9,17 +9,20 @@
 #ifndef CRUNCH_SENSOR_LOOP_H
 #define CRUNCH_SENSOR_LOOP_H
 
-#include "../link/teller.h"
+#include "../link/adjust.h"
 #include "infrared.h"
 #include "sonar_schedule.h"
 
 #define SENSOR_ECHO_LINES 4
+#define SENSOR_SETTINGS 4 /* the streams' periods */
 
 struct sensor_loop {
     struct teller teller;
     struct sonar_schedule sonar;
     struct infrared infrared;
     struct frame_decoder decoder;
+    struct adjuster adjuster;
+    uint16_t refused; /* adjustments without their seal; stays at its maximum */
 };
 
 struct sensor_work { /* what to do now */
@@ -30,7 +33,10 @@ struct sensor_work { /* what to do now */
 /* The outbox must outlive the loop. */
 void sensor_loop_init(struct sensor_loop *loop, const struct boot *boot, struct outbox *outbox);
 
-/* A byte from the host. No command is for this board yet; noise is counted. */
+/* The settings of the EEPROM's record, SETTINGS_RECORD_SIZE(SENSOR_SETTINGS) bytes, if it is sound. */
+void sensor_loop_load(struct sensor_loop *loop, const uint8_t *record);
+
+/* A byte from the host: adjustments of this board are obeyed, noise is counted, all else is the drive board's. */
 void sensor_loop_receive(struct sensor_loop *loop, uint8_t byte);
 
 /* Called every ms. */

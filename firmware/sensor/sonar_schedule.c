@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "sonar_schedule.h"
 
+#include "../link/streams.h"
+
 static void forget(struct sonar_schedule *schedule)
 {
     for (uint8_t i = 0; i < SONAR_COUNT; i++)
@@ -9,10 +11,11 @@ static void forget(struct sonar_schedule *schedule)
 
 void sonar_schedule_init(struct sonar_schedule *schedule)
 {
+    schedule->period_ms = STREAM_SONAR_MS;
     schedule->sweep_ms = 0;
     schedule->listening = 0;
     schedule->slot = 1;
-    schedule->is_sweeping = false;
+    schedule->is_sweeping = schedule->has_swept = false;
     forget(schedule);
 }
 
@@ -41,8 +44,12 @@ uint8_t sonar_schedule_tick(struct sonar_schedule *schedule, uint32_t now_ms, st
     if (schedule->is_sweeping) {
         *done = schedule->sweep;
         *done_ms = schedule->sweep_ms;
-        *is_done = true;
+        *is_done = schedule->has_swept = true;
+        schedule->is_sweeping = false;
+        schedule->listening = 0;
     }
+    if (schedule->has_swept && elapsed < schedule->period_ms)
+        return 0;
     return start_sweep(schedule, now_ms);
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * Which sonars fire when, and what a sweep heard. Two groups of four (0 2 4 6, then 1 3 5 7) fire one slot apart: each
- * of the eight speaks 12.5 times a second and no neighbours fire together. Pure: the caller fires and listens.
+ * of the eight speaks 12.5 times a second at most and no neighbours fire together. Pure: the caller fires and listens.
  */
 #ifndef CRUNCH_SENSOR_SONAR_SCHEDULE_H
 #define CRUNCH_SENSOR_SONAR_SCHEDULE_H
@@ -17,10 +17,12 @@
 #define SONAR_BLANK_US 170u     /* the burst still rings: 3 cm */
 
 struct sonar_schedule {
+    uint16_t period_ms; /* between sweeps */
     uint32_t sweep_ms; /* when the sweep's first slot fired */
     uint8_t listening; /* sonars that fired in this slot and have not heard yet */
     uint8_t slot;      /* 0 even, 1 odd */
     bool is_sweeping;
+    bool has_swept;
     struct sonar_payload sweep;
 };
 

@@ -98,6 +98,10 @@ class HostCrunch(OnAir):
         """The plan's driver commands the drive board beside the radio."""
         self.lib.robot_steer(self.robot, speed, turn)
 
+    def reset_boards(self) -> None:
+        """Somebody presses reset on both boards: all begins anew but for their EEPROMs."""
+        self.lib.robot_reset_boards(self.robot)
+
     def receive(self, data: bytes) -> None:
         """Bytes that reached the boards."""
         self.lib.robot_receive(self.robot, data, len(data))

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "robot.h"
 
+#include "../link/streams.h"
+
 #include <math.h>
 #include <string.h>
 
 #define DRIVE_STEP_MS SUPERVISOR_STEP_MS
-#define ODOMETRY_MS 20
 #define SENSOR_BOOT_MS 12   /* the sensor board wakes so much later */
 #define ARMING_PATIENCE_MS 10000
 #define TWO_PI 6.283185307179586
@@ -108,6 +109,7 @@ static void run_drive(struct robot *robot)
     read_supplies(robot);
     if (drive_board_step(&robot->drive) & TELEMETRY_ODOMETRY)
         note_truth(robot);
+    drive_board_keep(&robot->drive, robot->now_ms);
 }
 
 static void run_scripted_drive(struct robot *robot)
@@ -151,19 +153,20 @@ static void read_infrared(struct robot *robot)
 static void run_sensor(struct robot *robot)
 {
     struct sensor_loop *loop = &robot->sensor.loop;
-    if (robot->now_ms < SENSOR_BOOT_MS)
+    if (robot->now_ms < robot->sensor.booted_ms + SENSOR_BOOT_MS)
         return;
-    loop->teller.uptime_ms = (uint32_t)(robot->now_ms - SENSOR_BOOT_MS);
+    loop->teller.uptime_ms = (uint32_t)(robot->now_ms - robot->sensor.booted_ms - SENSOR_BOOT_MS);
     const struct sensor_work work = sensor_loop_tick(loop);
     if (work.fire)
         fire(robot, work.fire);
     if (work.is_infrared_due)
         read_infrared(robot);
+    sensor_board_keep(&robot->sensor, robot->now_ms);
 }
 
 static void tick(struct robot *robot)
 {
-    robot->drive.loop.teller.uptime_ms = (uint32_t)robot->now_ms;
+    robot->drive.loop.teller.uptime_ms = (uint32_t)(robot->now_ms - robot->drive.booted_ms);
     if (robot->script.count > 0) {
         run_scripted_drive(robot);
         run_sensor(robot);
@@ -180,15 +183,17 @@ static void tick(struct robot *robot)
 
 void robot_advance(struct robot *robot, int32_t ms)
 {
-    robot->outbox.size = 0;
+    robot->outbox.size = (uint16_t)(robot->outbox.size - robot->taken); /* answers may have come since */
+    memmove(robot->bytes, robot->bytes + robot->taken, robot->outbox.size);
     robot->truth_rows = 0;
     for (int32_t i = 0; i < ms; i++)
         tick(robot);
+    robot->taken = robot->outbox.size;
 }
 
 static bool is_odometry_next(const struct robot *robot)
 {
-    return (robot->now_ms + 1) % DRIVE_STEP_MS == 0 && robot->drive.loop.telemetry.phase_ms % ODOMETRY_MS == 0;
+    return (robot->now_ms + 1) % DRIVE_STEP_MS == 0 && robot->drive.loop.telemetry.phase_ms % STREAM_ODOMETRY_MS == 0;
 }
 
 bool robot_stand(struct robot *robot)
@@ -209,6 +214,16 @@ void robot_receive(struct robot *robot, const uint8_t *bytes, int32_t count)
 {
     for (int32_t i = 0; i < count; i++)
         drive_board_receive(&robot->drive, bytes[i]);
+    if (robot->now_ms < robot->sensor.booted_ms + SENSOR_BOOT_MS)
+        return;
+    for (int32_t i = 0; i < count; i++)
+        sensor_loop_receive(&robot->sensor.loop, bytes[i]);
+}
+
+void robot_reset_boards(struct robot *robot)
+{
+    drive_board_reset(&robot->drive, robot->now_ms);
+    sensor_board_reset(&robot->sensor, robot->now_ms);
 }
 
 void robot_steer(struct robot *robot, double speed, double turn)

@@ -38,6 +38,7 @@ struct robot {
     double infrared_distances[SENSOR_COUNT];
     double charger_volts;
     struct outbox outbox; /* both boards share it */
+    uint16_t taken;       /* bytes of it that the last advance gave */
     uint8_t bytes[ROBOT_WIRE_BYTES];
     struct truth truth[ROBOT_TRUTH_ROWS];
     int32_t truth_rows;
@@ -56,6 +57,9 @@ bool robot_stand(struct robot *robot);
 void robot_advance(struct robot *robot, int32_t ms);
 
 void robot_receive(struct robot *robot, const uint8_t *bytes, int32_t count);
+
+/* Somebody presses reset on both boards; their EEPROMs stay. */
+void robot_reset_boards(struct robot *robot);
 
 /* A wish from the plan's driver, handed to the drive board as if it had come in a valid command. */
 void robot_steer(struct robot *robot, double speed, double turn);

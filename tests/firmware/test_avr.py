@@ -4,7 +4,6 @@ import re
 import subprocess
 from collections import Counter
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from firmware.virtual.native import FIRMWARE, FLAGS, WARNINGS, compiler
 from server.link import Decoder
 from tests.firmware.avr_robot import LINK_LOST, RAM, Driven
-from tests.firmware.avr_tools import Microcontroller, built, compiled, need_simavr
+from tests.firmware.avr_tools import Microcontroller, built, need_simavr
 from tests.firmware.virtual_wire import (
     BALANCE,
     DRIVE,
@@ -156,13 +155,6 @@ def test_a_receiver_that_nobody_reads_loses_the_third_byte():
     board.lib.microcontroller_receive(board.mcu, b"abcde", 5)
     board.run_ms(5)
     assert board.lib.microcontroller_overruns(board.mcu) == 3
-
-
-def test_a_record_in_the_eeprom_is_sound_or_none(tmp_path):
-    sources = [FIRMWARE / name for name in ("avr/eeprom.c", "avr/watchdog.c", "link/crc.c")]
-    program = Path(__file__).parent / "programs" / "eeprom.c"
-    said = Microcontroller(compiled(tmp_path / "eeprom.elf", [program, *sources])).run_ms(1500)
-    assert list(said) == [False, True, False, False, 1, 0, 255, 3, 9]
 
 
 @pytest.mark.parametrize("name", ["bystander.c", "imu_part.c", "microcontroller.c", "robot.c"])

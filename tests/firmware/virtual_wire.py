@@ -9,8 +9,9 @@ from firmware.virtual import World
 from server.link import Decoder, Frame, encode
 
 HOST, DRIVE, SENSOR = 0, 1, 2
-STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, LAST_WORDS = 1, 2, 3, 4, 5, 6, 8
-DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND = 16, 17, 18
+STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, SETTING, LAST_WORDS = 1, 2, 3, 4, 5, 6, 7, 8
+DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND, ADJUST_COMMAND = 16, 17, 18, 19
+ANSWER = "<BBBBBBfI"
 LAYOUTS = {
     STATUS: "<BBBBIHHHH",
     ODOMETRY: "<hhh",
@@ -55,6 +56,11 @@ def stop_command(echo_ms: int = 0, sequence: int = 0) -> bytes:
 
 def arm_command(arm: int, echo_ms: int, sequence: int = 0) -> bytes:
     return encode(Frame(HOST, ARM_COMMAND, sequence & 255, 0, checked(struct.pack("<HH", arm, echo_ms & 0xFFFF))))
+
+
+def adjust_command(board: int, verb: int, setting: int, value: float, echo_ms: int, sequence: int = 0) -> bytes:
+    payload = checked(struct.pack("<BBBfH", board, verb, setting, value, echo_ms & 0xFFFF))
+    return encode(Frame(HOST, ADJUST_COMMAND, sequence & 255, 0, payload))
 
 
 def newest_time(data: bytes, source: int = DRIVE) -> int:

@@ -14,7 +14,19 @@ from pydantic import ValidationError
 from server import channels, link
 from server.channels import CHANNELS, DRIVE, HOST, SENSOR, Calibration, Refused, decode, encode_command, read
 from server.link import Frame
-from server.messages import ArmCommand, Balance, DriveCommand, LastWords, Power, Ranges, Status, StopCommand, Wheels
+from server.messages import (
+    AdjustCommand,
+    ArmCommand,
+    Balance,
+    DriveCommand,
+    LastWords,
+    Power,
+    Ranges,
+    Setting,
+    Status,
+    StopCommand,
+    Wheels,
+)
 
 HEADER = Path(__file__).parents[2] / "firmware" / "link" / "channels.h"
 CALIBRATION = Calibration()
@@ -25,11 +37,17 @@ FIELDS = {
     "power": "battery_mv battery_ma charger_mv charger_ma left_motor_ma right_motor_ma",
     "sonar": "echo_us",
     "infrared": "counts",
+    "setting": "verb setting sequence outcome record is_stored value check",
     "last_words": "state reason since_ms uptime_ms",
     "drive": "speed turn echo_ms check",
     "stop": "echo_ms check",
     "arm": "arm echo_ms check",
+    "adjust": "board verb setting value echo_ms check",
 }
+
+ENUMS = {
+    "SETTING": channels.SETTINGS, "VERB": channels.VERBS, "OUTCOME": channels.OUTCOMES, "RECORD": channels.RECORDS,
+}  # fmt: skip
 
 
 def frame(channel, source, *values, time_ms=0):
@@ -38,6 +56,11 @@ def frame(channel, source, *values, time_ms=0):
 
 def status(state=1, reason=0, version=channels.PROTOCOL_VERSION):
     return frame(channels.STATUS, DRIVE, version, state, reason, 8, 123_456, 7, 850, 2, 0xBEEF)
+
+
+def answer(verb=1, setting=4, outcome=0, record=1, is_stored=1, value=4.25, spoil=0):
+    body = struct.pack("<BBBBBBf", verb, setting, 9, outcome, record, is_stored, value)
+    return Frame(DRIVE, channels.SETTING, 0, 0, body + struct.pack("<I", zlib.crc32(body) ^ spoil))
 
 
 def assert_about(message, expected):
@@ -82,6 +105,9 @@ def claims():
         yield f"DRIVE_{name.upper().replace(' ', '_')} == {value}"
     for value, name in enumerate(channels.REASONS):
         yield f"STOP_{name.upper()} == {value}"
+    for prefix, names in ENUMS.items():
+        for value, name in enumerate(names):
+            yield f"{prefix}_{name.upper().replace(' ', '_')} == {value}"
     yield f"LINK_PROTOCOL_VERSION == {channels.PROTOCOL_VERSION}"
     yield f"SONAR_SLOT_MS == {channels.SONAR_SLOT_MS}"
     yield f"SONAR_NO_RETURN == {channels.NO_RETURN}"
@@ -91,7 +117,7 @@ def claims():
 
 
 def test_the_compiler_reads_the_header_as_the_table_does(tmp_path):
-    is_signed = "#define IS_SIGNED(x) _Generic((x), int8_t: 1, int16_t: 1, int32_t: 1, default: 0)"
+    is_signed = "#define IS_SIGNED(x) _Generic((x), int8_t: 1, int16_t: 1, int32_t: 1, float: 1, default: 0)"
     lines = [f'#include "{HEADER}"', "#include <stddef.h>", is_signed]
     lines += [f'_Static_assert({claim}, "{claim.replace(chr(34), chr(39))}");' for claim in claims()]
     source = tmp_path / "claims.c"
@@ -101,8 +127,9 @@ def test_the_compiler_reads_the_header_as_the_table_does(tmp_path):
 
 def test_the_table_has_a_row_for_every_channel_and_name_of_the_header():
     text = HEADER.read_text()
-    for prefix, n in (("CHANNEL", len(CHANNELS)), ("SOURCE", 3), ("STOP", len(channels.REASONS))):
-        assert len([word for word in text.split() if word.startswith(f"{prefix}_")]) == n
+    enums = [(prefix, len(names)) for prefix, names in ENUMS.items()]
+    for prefix, n in [("CHANNEL", len(CHANNELS)), ("SOURCE", 3), ("STOP", len(channels.REASONS)), *enums]:
+        assert len({word.strip(",;") for word in text.split() if word.startswith(f"{prefix}_")}) == n
     assert text.count("DRIVE_") == len(channels.STATES)
 
 
@@ -125,6 +152,11 @@ def test_balance():
 def test_power():
     [power] = decode(frame(channels.POWER, DRIVE, 29_500, -1500, 0, 0, 700, 800), 2.0, CALIBRATION)
     assert_about(power, Power(2.0, 29.5, -1.5, 0.0, 0.0, 0.7, 0.8))
+
+
+def test_an_answer_names_what_was_asked_and_what_came_of_it():
+    [setting] = decode(answer(), 2.0, CALIBRATION)
+    assert setting == Setting(2.0, "drive", "set", "tilt", 9, "done", "sound", True, 4.25)
 
 
 def test_last_words():
@@ -181,6 +213,13 @@ def test_infrared_beyond_its_reach_is_no_return_and_no_count_is_negative():
         frame(channels.BALANCE, DRIVE, 0, 0, 0, 0, 0, len(channels.REASONS), 0),
         frame(channels.POWER, DRIVE, 60_001, 0, 0, 0, 0, 0),
         frame(channels.POWER, DRIVE, 0, 0, 0, 0, 0, -30_001),
+        answer(verb=5),
+        answer(setting=13),
+        answer(outcome=6),
+        answer(record=4),
+        answer(is_stored=2),
+        answer(value=math.nan),
+        answer(spoil=1),
         status(state=5),
         status(reason=len(channels.REASONS)),
     ],
@@ -194,6 +233,8 @@ def test_what_no_healthy_board_says_is_implausible(refused):
 def test_every_other_length_and_source_is_refused(row):
     for size in range(link.MAX_PAYLOAD + 1):
         payload = bytes((channels.PROTOCOL_VERSION,)).ljust(size, b"\0")[:size]
+        if row.number == channels.SETTING and size == row.payload.size:
+            payload = payload[:-4] + struct.pack("<I", zlib.crc32(payload[:-4]))
         for source in range(4):
             if source in row.sources and size == row.payload.size:
                 read(Frame(source, row.number, 0, 0, payload))
@@ -246,6 +287,15 @@ def test_stop_and_arm_commands():
 def test_a_command_no_robot_can_mean_is_a_mistake(speed):
     with pytest.raises(ValueError, match="does not fit a command"):
         encode_command(DriveCommand(speed, 0.0), 0, 0)
+
+
+def test_an_adjustment_names_its_board_and_carries_its_check_and_the_echo():
+    sent = encode_command(AdjustCommand("sensor", "set", "sonar_ms", 400.0), 5, 777)
+    *fields, check = CHANNELS[sent.channel].payload.unpack(sent.payload)
+    assert fields == [SENSOR, 1, 2, 400.0, 777]
+    assert check == zlib.crc32(sent.payload[:-4])
+    with pytest.raises(ValueError, match="does not fit an adjustment"):
+        encode_command(AdjustCommand("drive", "set", "tilt", 1e60), 0, 0)
 
 
 def test_what_is_no_command_is_a_mistake():

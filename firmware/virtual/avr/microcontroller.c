@@ -2,6 +2,7 @@
 #include "microcontroller.h"
 
 #include <simavr/avr_adc.h>
+#include <simavr/avr_eeprom.h>
 #include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_twi.h>
@@ -17,7 +18,8 @@
 #include <string.h>
 
 /* Data-space addresses. */
-enum { UBRRL = 0x29, UCSRA = 0x2B, MCUCSR = 0x54, ICR1 = 0x46, OCR1B = 0x48, OCR1A = 0x4A, TCCR1A = 0x4F };
+enum { UBRRL = 0x29, UCSRA = 0x2B, EECR = 0x3C, ICR1 = 0x46, OCR1B = 0x48, OCR1A = 0x4A, TCCR1A = 0x4F };
+enum { MCUCSR = 0x54 };
 enum { RAM_START = 0x60, RAM_END = 0x860 };
 
 #define BITS_PER_BYTE 10
@@ -27,6 +29,9 @@ enum { RAM_START = 0x60, RAM_END = 0x860 };
 #define UNREAD 2 /* bytes that the receiver holds */
 #define SUPPLY_MV 5000
 #define BROWN_OUT 0x04 /* MCUCSR: BORF */
+#define EEPROM_CYCLES (MICROCONTROLLER_HZ / 10000 * 85)
+
+enum { EERE = 1, EEWE = 2, EEMWE = 4 }; /* in EECR */
 
 struct encoder {
     struct microcontroller *mcu;
@@ -66,6 +71,8 @@ struct microcontroller {
     uint32_t resets, overruns;
     uint64_t slept;
     uint64_t woken, longest_awake;
+    uint64_t eeprom_free; /* cycle at which the byte under way is written */
+    uint32_t hasty;
 };
 
 static void say_nothing(avr_t *avr, const int level, const char *format, va_list arguments)
@@ -153,6 +160,24 @@ static void on_port_c(avr_irq_t *irq, uint32_t value, void *param)
     on_pin(param, 'C', irq, value);
 }
 
+static uint8_t read_eecr(avr_t *avr, avr_io_addr_t address, void *param)
+{
+    const struct microcontroller *mcu = param;
+    const uint8_t shown = (uint8_t)(avr->data[address] & ~EEWE);
+    return avr->cycle < mcu->eeprom_free ? shown | EEWE : shown;
+}
+
+/* After simavr's own, which does what it is told at once. */
+static void write_eecr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param)
+{
+    (void)address;
+    struct microcontroller *mcu = param;
+    const bool is_busy = avr->cycle < mcu->eeprom_free;
+    mcu->hasty += is_busy && (value & (EERE | EEMWE));
+    if (!is_busy && (value & EEWE) && (value & EEMWE))
+        mcu->eeprom_free = avr->cycle + EEPROM_CYCLES;
+}
+
 static avr_irq_t *pin_of(const struct microcontroller *mcu, char port, int bit)
 {
     return avr_io_getirq(mcu->avr, (uint32_t)AVR_IOCTL_IOPORT_GETIRQ(port), bit);
@@ -195,6 +220,8 @@ static void listen(struct microcontroller *mcu)
         avr_irq_register_notify(pin_of(mcu, 'B', bit), on_port_b, mcu);
         avr_irq_register_notify(pin_of(mcu, 'C', bit), on_port_c, mcu);
     }
+    avr_register_io_read(avr, EECR, read_eecr, mcu);
+    avr_register_io_write(avr, EECR, write_eecr, mcu);
     mcu->receiver = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     for (avr_io_t *io = avr->io_port; io; io = io->next)
         if (!strcmp(io->kind, "uart"))
@@ -446,6 +473,30 @@ void microcontroller_brown_out(struct microcontroller *mcu)
 {
     avr_reset(mcu->avr);
     mcu->avr->data[MCUCSR] |= BROWN_OUT;
+}
+
+void microcontroller_reset(struct microcontroller *mcu)
+{
+    avr_reset(mcu->avr);
+}
+
+uint8_t microcontroller_eeprom(struct microcontroller *mcu, uint16_t address)
+{
+    uint8_t byte = 0;
+    avr_eeprom_desc_t desc = {.ee = &byte, .offset = address, .size = 1};
+    avr_ioctl(mcu->avr, AVR_IOCTL_EEPROM_GET, &desc);
+    return byte;
+}
+
+void microcontroller_spoil(struct microcontroller *mcu, uint16_t address, uint8_t value)
+{
+    avr_eeprom_desc_t desc = {.ee = &value, .offset = address, .size = 1};
+    avr_ioctl(mcu->avr, AVR_IOCTL_EEPROM_SET, &desc);
+}
+
+uint32_t microcontroller_hasty(const struct microcontroller *mcu)
+{
+    return mcu->hasty;
 }
 
 /* With interrupts off and asleep simavr would be done; a jump to itself (rjmp .-2) in erased flash spins. */

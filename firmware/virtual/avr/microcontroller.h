@@ -10,7 +10,8 @@
  *     `on_convert` asks for a voltage at each conversion's start;
  *  6. INT0 and INT1 would be polled every cycle after each reset: switched off;
  *  7. it would sleep by the clock on the wall: it does not;
- *  8. a program's write to a port would take pulled-up inputs of that port high: it is told what is outside.
+ *  8. a program's write to a port would take pulled-up inputs of that port high: it is told what is outside;
+ *  9. its EEPROM writes at once: here a byte keeps it busy (EEWE) for 8.5 ms, as on silicon.
  *
  * The receiver holds two bytes, as on silicon: a third unread one is lost, and counted.
  */
@@ -84,6 +85,16 @@ void microcontroller_poke(struct microcontroller *mcu, uint16_t address, uint8_t
 
 /* Resets it as a dip of its supply does; memory keeps what it had. */
 void microcontroller_brown_out(struct microcontroller *mcu);
+
+/* Presses reset: memory and EEPROM stay. */
+void microcontroller_reset(struct microcontroller *mcu);
+
+/* A byte of the EEPROM, and a way to spoil it. */
+uint8_t microcontroller_eeprom(struct microcontroller *mcu, uint16_t address);
+void microcontroller_spoil(struct microcontroller *mcu, uint16_t address, uint8_t value);
+
+/* Accesses to the EEPROM while a byte was being written, which silicon does not obey. */
+uint32_t microcontroller_hasty(const struct microcontroller *mcu);
 
 /* Lets the program hang from now on, until its watchdog bites. */
 void microcontroller_hang(struct microcontroller *mcu);

@@ -111,6 +111,11 @@ class AvrCrunch(OnAir):
         """Bytes that reached the modem; both boards hear them at the line's rate."""
         self.lib.avr_robot_receive(self.robot, data, len(data))
 
+    def reset_boards(self) -> None:
+        """Somebody presses reset on both boards: their EEPROMs stay."""
+        self.lib.microcontroller_reset(self.robot.drive)
+        self.lib.microcontroller_reset(self.robot.sensor)
+
     def force(self, channel: int, volts: float) -> None:
         """A fault: one of the drive board's ADC inputs shows these volts from now on."""
         self.robot.forced |= 1 << channel

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "parity.h"
 
+#include "../../../firmware/link/crc.h"
+
 #include <string.h>
 
 void parity_init(struct parity *parity, uint32_t seed)
@@ -57,6 +59,22 @@ static void draw_standing(struct parity *parity)
     parity->loop.balance.standing = 4.0f;
 }
 
+/* A setting within its bounds, or not, as the host would send it; the answer is told with the step's frames. */
+static void draw_adjustment(struct parity *parity)
+{
+    struct adjust_payload payload = {
+        .board = SOURCE_DRIVE, .verb = (uint8_t)draw(parity, 4), .setting = (uint8_t)draw(parity, SETTINGS_MAX),
+        .value = (float)draw(parity, 8000) / 1000.0f, .echo_ms = (uint16_t)parity->loop.teller.uptime_ms,
+    };
+    uint8_t bytes[LINK_MAX_ENCODED];
+    if (payload.setting < 4)
+        payload.value = (float)(5 * draw(parity, 100));
+    payload.check = crc32_of((const uint8_t *)&payload, sizeof payload - sizeof payload.check);
+    const uint8_t size = frame_encode(bytes, SOURCE_HOST, CHANNEL_ADJUST, 0, 0, &payload, sizeof payload);
+    for (uint8_t i = 0; i < size; i++)
+        drive_loop_receive(&parity->loop, bytes[i]);
+}
+
 static uint8_t tell_floats(const struct drive_loop *loop, uint8_t *out)
 {
     const float floats[] = {
@@ -84,6 +102,8 @@ uint8_t parity_step(struct parity *parity, uint8_t out[PARITY_MAX_STEP])
         draw_wish(parity);
     if (draw(parity, 8) == 0)
         draw_standing(parity);
+    if (draw(parity, 32) == 0)
+        draw_adjustment(parity);
     drive_loop_step(loop, &parity->samples);
     if (draw(parity, 64) == 0)
         tilt_level(&loop->tilt);
