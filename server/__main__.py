@@ -1,7 +1,7 @@
 """The `crunch` command. Each command imports what it needs when it runs, so that help comes at once.
 
 Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line. Uses its
-siblings `terminal` and `calibrate`, which import as late.
+siblings `terminal`, `calibrate`, `board` and `flash`, which import as late.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from typing import Annotated, Any
 
 import typer
 
-from server import calibrate
+from server import calibrate, flash
+from server.board import board
 from server.errors import UserError
 from server.terminal import (
     Assignments,
@@ -67,6 +68,7 @@ UsageError: Any = typer.BadParameter.__base__  # typer carries its own copy of c
 CommandError: Any = UsageError.__base__
 
 app.add_typer(calibrate.app)
+app.add_typer(flash.app)
 
 Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.", show_default="8000")]
 Host = Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")]
@@ -271,6 +273,9 @@ def score(
     from server.score import score as measure
 
     typer.echo(json.dumps(measure(directory, truth, relations, time_offset, align), indent=2))
+
+
+app.command()(board)
 
 
 @app.command()

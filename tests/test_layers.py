@@ -41,8 +41,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.robots.pilot",
     ),
     (
-        "server.adviser", "server.config", "server.control", "server.estimator", "server.filter_worker",
-        "server.health", "server.navigator", "server.pulse", "server.restarts", "server.session", "server.stops",
+        "server.adviser", "server.boards", "server.config", "server.control", "server.estimator",
+        "server.filter_worker", "server.health", "server.navigator", "server.pulse", "server.restarts",
+        "server.session", "server.stops",
     ),
     (
         "server.api", "server.cockpit", "server.comparison", "server.conversation", "server.dashboard", "server.guard",
@@ -56,8 +57,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "server.bridge", "server.live", "server.odometry_calibration", "server.recorded", "server.render",
         "server.render_queue", "server.replay", "server.sessions", "server.simulate", "server.sonar_calibration",
+        "server.workbench",
     ),
-    ("server.__main__", "server.calibrate", "server.terminal"),
+    ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.terminal"),
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
 PACKAGES = ("slam", "server", "firmware", "bench", "tests", "docs")
@@ -136,7 +138,8 @@ def test_the_virtual_robot_knows_only_its_own():
 
 def test_asyncio_stays_at_the_edge():
     edge = {"server.conversation", "server.bridge", "server.dashboard", "server.estimator", "server.live",
-            "server.player", "server.render_queue", "server.sessions", "server.stream", "server.transport"}  # fmt: skip
+            "server.player", "server.render_queue", "server.sessions", "server.stream", "server.transport",
+            "server.workbench"}  # fmt: skip
     users = {name_of(path) for path in LAYERED for _, module in imports_of(path) if module.split(".")[0] == "asyncio"}
     assert {user for user in users if not user.startswith("server.rest.")} <= edge
 

@@ -35,47 +35,36 @@ void settings_init(struct settings *settings, uint8_t count, const struct bounds
     settings_reset(settings);
 }
 
-static bool is_within(const struct bounds *bounds, float value)
+static bool is_sound(const struct settings *settings, uint8_t setting, float value)
 {
-    return value >= bounds->low && value <= bounds->high; /* what is no number is neither */
+    const struct bounds *bounds = &settings->bounds[setting];
+    const bool is_within = value >= bounds->low && value <= bounds->high; /* what is no number is neither */
+    return is_within && (setting >= STREAM_COUNT || streams_is_period(setting, value));
 }
 
-/* What the streams would be with one of them changed. */
-static enum adjust_outcome judge_period(const struct settings *settings, uint8_t setting, float value)
+static bool is_line_half_free(const struct settings *settings)
 {
-    uint16_t periods_ms[STREAM_COUNT];
-    for (uint8_t i = 0; i < STREAM_COUNT; i++)
-        periods_ms[i] = (uint16_t)(i == setting ? value : settings->values[i]);
-    if ((float)periods_ms[setting] != value || !streams_is_period(setting, periods_ms[setting]))
-        return OUTCOME_BOUNDS;
-    return streams_load(periods_ms) < STREAMS_HALF_LINE ? OUTCOME_DONE : OUTCOME_BUDGET;
+    return streams_load(settings->values) < STREAMS_HALF_LINE;
 }
 
 enum adjust_outcome settings_set(struct settings *settings, uint8_t setting, float value)
 {
     if (setting >= settings->count)
         return OUTCOME_UNKNOWN;
-    if (!is_within(&settings->bounds[setting], value))
+    if (!is_sound(settings, setting, value))
         return OUTCOME_BOUNDS;
-    const enum adjust_outcome outcome =
-        setting < STREAM_COUNT ? judge_period(settings, setting, value) : OUTCOME_DONE;
-    if (outcome == OUTCOME_DONE)
-        settings->values[setting] = value;
-    return outcome;
+    const float before = settings->values[setting];
+    settings->values[setting] = value;
+    if (is_line_half_free(settings))
+        return OUTCOME_DONE;
+    settings->values[setting] = before;
+    return OUTCOME_BUDGET;
 }
 
 bool settings_is_stored(const struct settings *settings, uint8_t setting)
 {
     return settings->record == RECORD_SOUND && setting < settings->count &&
            memcmp(&settings->values[setting], &settings->stored[setting], sizeof(float)) == 0;
-}
-
-static bool is_erased(const uint8_t *record, uint8_t size)
-{
-    for (uint8_t i = 0; i < size; i++)
-        if (record[i] != ERASED)
-            return false;
-    return true;
 }
 
 /* The byte at `settings->at`, to be asked for in order: the checksum grows with them. */
@@ -96,27 +85,29 @@ static bool is_record(const struct settings *settings, const uint8_t *record)
 }
 
 /* A sound record of another build may have values that this one would not take. */
-static bool are_stored_sound(const struct settings *settings)
+static bool are_values_sound(const struct settings *settings)
 {
-    struct settings trial = *settings;
-    memcpy(trial.values, trial.stored, sizeof trial.values);
-    for (uint8_t i = 0; i < trial.count; i++)
-        if (settings_set(&trial, i, trial.stored[i]) != OUTCOME_DONE)
+    for (uint8_t i = 0; i < settings->count; i++)
+        if (!is_sound(settings, i, settings->values[i]))
             return false;
-    return true;
+    return is_line_half_free(settings);
 }
 
 void settings_load(struct settings *settings, const uint8_t *record)
 {
-    if (is_erased(record, record_size(settings))) {
+    if (record[0] == ERASED) {
         settings->record = RECORD_NONE;
         return;
     }
+    settings->record = RECORD_SPOILED;
+    if (!is_record(settings, record))
+        return;
     memcpy(settings->stored, record + 1, values_size(settings));
-    const bool is_sound = is_record(settings, record) && are_stored_sound(settings);
-    settings->record = is_sound ? RECORD_SOUND : RECORD_SPOILED;
-    if (is_sound)
-        memcpy(settings->values, settings->stored, values_size(settings));
+    memcpy(settings->values, settings->stored, sizeof settings->values);
+    if (are_values_sound(settings))
+        settings->record = RECORD_SOUND;
+    else
+        settings_reset(settings);
 }
 
 static void begin_pass(struct settings *settings, bool is_checking)

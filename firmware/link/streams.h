@@ -30,10 +30,9 @@
 /* The built-in periods, in the settings' order. */
 void streams_built_in(float *values);
 
-bool streams_is_period(uint8_t stream, uint16_t ms);
+bool streams_is_period(uint8_t stream, float period_ms);
 
-/* Bytes in 2 s: the streams, both boards' status, power, last words, and a driver's
- * commands. Periods must be sound. */
-uint16_t streams_load(const uint16_t periods_ms[STREAM_COUNT]);
+/* Bytes in 2 s: the streams, both boards' status, power, last words, and a driver's commands. Periods must be sound. */
+uint16_t streams_load(const float periods_ms[STREAM_COUNT]);
 
 #endif

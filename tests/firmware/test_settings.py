@@ -2,6 +2,7 @@
 
 import math
 import struct
+import zlib
 from collections import Counter
 from typing import NamedTuple
 
@@ -151,10 +152,11 @@ def test_an_erased_memory_is_none_and_a_record_out_of_bounds_is_spoiled():
     settings = made()
     LIB.settings_load(settings, b"\xff" * RECORD)
     assert settings.record == NONE
-    wild = list(values(settings))
-    wild[TILT] = 100.0
-    body = struct.pack(f"<{len(wild)}f", *wild)
-    assert_spoiled(bytes((len(wild),)) + checked(body))
+    for setting, value in ((TILT, 100.0), (BALANCE_MS, 0.0), (BALANCE_MS, math.nan), (ODOMETRY_MS, 5.0)):
+        wild = list(values(settings))
+        wild[setting] = value
+        body = struct.pack(f"<{len(wild)}f", *wild)
+        assert_spoiled(bytes((len(wild),)) + body + struct.pack("<I", zlib.crc32(body)))
 
 
 def test_a_memory_that_does_not_keep_is_found_out():
