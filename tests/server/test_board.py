@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import stat
 import sys
 import threading
@@ -207,6 +208,12 @@ def test_flashing_hands_the_right_file_to_the_programmer(capsys, tmp_path, monke
     assert said == (
         f"-p m32 -c usbasp -P usb -U lfuse:w:0x3f:m -U hfuse:w:0x81:m -U flash:w:{flash.BUILT / 'sensor.hex'}:i"
     )
+
+
+def test_the_fuses_are_those_of_the_documents():
+    page = (flash.ROOT / "docs" / "firmware.md").read_text()
+    told = dict(re.findall(r"`([lh]fuse)` (0x\w\w)", page))
+    assert {name: int(value, 16) for name, value in told.items()} == flash.FUSES
 
 
 def test_sizes_are_told_for_each_board(capsys):
