@@ -9,15 +9,16 @@ from tests.firmware.sanitizers import ROOT, python
 SUITES = {
     "link": ["test_link_c.py", "test_line.py"],
     "boards": ["test_drive_c.py", "test_sensor_c.py"],
+    "gyro on a bus": ["test_imu.py", "-k", "set_up or is_told or rails or stays_away"],
     "virtual robot": ["test_virtual_crunch.py", "test_rangefinders.py", "test_scripted.py", "test_drift.py"],
-    "simulated boards": ["test_avr.py::test_the_same_seed_gives_the_same_bytes"],
+    "simulated boards": ["test_avr.py", "test_imu.py", "-k", "same_seed"],
 }
 
 
 @pytest.mark.parametrize("suite", SUITES)
 def test_no_rule_of_c_is_broken(suite):
-    files = [f"tests/firmware/{name}" for name in SUITES[suite]]
-    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", *files)
+    words = [f"tests/firmware/{word}" if word.endswith(".py") else word for word in SUITES[suite]]
+    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", *words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " passed" in done.stdout
 
