@@ -1,6 +1,7 @@
 """What the drive board obeys, read from the real program's memory, against what the host sent.
 
-The memory is looked at every millisecond: no two commands fit into that on the line.
+The memory is looked at every millisecond. A command that was obeyed is judged one later, when the board has surely worked
+out what it wishes; on the line no two fit into that.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ class BoardWatch:
         self.memory = Memory(programs().drive, "loop", "drive/loop.h", "struct drive_loop", FIELDS)
         self.sent: dict[int, Sent] = {}  # the newest of each sequence number
         self.heard = (0, 0)  # acknowledged, ms of silence
+        self.is_new = False  # a command was obeyed in the last millisecond
         self.obeyed = self.wrong = 0
         self.oldest = 0.0  # s, of the commands obeyed
         self.has_fallen = False
@@ -66,17 +68,18 @@ class BoardWatch:
         self.sent[sequence] = Sent(wish, self.robot.time)
 
     def begin(self) -> None:
-        """Commands count from now on."""
+        """What the board has heard so far is known."""
         self.heard = (self.read("supervisor.acknowledged"), self.read("supervisor.silent_ms"))
 
     def look(self) -> None:
-        """A millisecond has passed: was a command obeyed in it, and which?"""
+        """A millisecond has passed: was a command obeyed in it, and which was in the one before?"""
+        if self.is_new:
+            self.judge(self.sent.get(self.heard[0]))
         before = self.heard
         self.begin()
         self.has_fallen |= not self.is_balancing
-        if self.heard[0] != before[0] or self.heard[1] < before[1]:
-            self.obeyed += 1
-            self.judge(self.sent.get(self.heard[0]))
+        self.is_new = self.heard[0] != before[0] or self.heard[1] < before[1]
+        self.obeyed += self.is_new
 
     def judge(self, sent: Sent | None) -> None:
         """The board wishes what the newest command of that number says, and that is not old."""

@@ -69,7 +69,8 @@ def test_a_watch_finds_what_was_never_sent_or_long_ago():
     )
     for wrong, (name, value) in zip((1, 1, 2), steps, strict=True):
         poke(watch, name, value)
-        watch.look()
+        watch.look()  # sees it
+        watch.look()  # and judges it
         assert watch.wrong == wrong
     watch.sent[number] = Sent(watch.sent[number].wish, drive.robot.time - 1.5)
     poke(watch, "supervisor.wish.speed", speed)
