@@ -1,7 +1,7 @@
 """What the drive board obeys, read from the real program's memory, against what the host sent.
 
-The memory is looked at every millisecond. A command that was obeyed is judged one later, when the board has surely worked
-out what it wishes; on the line no two fit into that.
+The memory is looked at every millisecond. A command that was obeyed is judged one later, when the board has surely
+worked out what it wishes; on the line no two fit into that.
 """
 
 from __future__ import annotations
