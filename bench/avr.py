@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from bench.benchmark import Bench, Column, Record, Row, each, figures, runs
 from bench.boards import Rider, hall
-from firmware.virtual.avr.programs import programs
+from firmware.virtual.avr.programs import Imu, programs
 from server.channels import DRIVE, SENSOR
 
 FLASH, RAM = 32768, 2048  # bytes
@@ -19,15 +19,16 @@ SECONDS = 30.0
 
 
 class Board(NamedTuple):
-    """A board's name, and its number on the wire."""
+    """A board's name, its number on the wire, and the drive board's kind of gyro."""
 
     name: str
     source: int
+    imu: Imu = "analogue"
 
 
-def flash_of(name: str) -> int:
+def flash_of(board: Board) -> int:
     """Bytes of a program as avr-size tells them."""
-    elf = getattr(programs(), name)
+    elf = getattr(programs(board.imu), board.name)
     said = subprocess.run(["avr-size", "-C", "--mcu=atmega32", elf], capture_output=True, text=True, check=True).stdout
     found = re.search(r"Program:\s+(\d+) bytes", said)
     assert found is not None, said
@@ -36,7 +37,7 @@ def flash_of(name: str) -> int:
 
 def run(board: Board, seed: int) -> Record:
     """Armed, then half a minute of driving, turning and standing in closed loop."""
-    rider = Rider(hall(12.0), (-4.0, 0.0, 0.0), seed)
+    rider = Rider(hall(12.0), (-4.0, 0.0, 0.0), seed, imu=board.imu)
     if not rider.arm():
         raise RuntimeError("the robot does not arm")
     lib, microcontroller = rider.robot.lib, getattr(rider.robot.robot, board.name)
@@ -50,7 +51,7 @@ def run(board: Board, seed: int) -> Record:
     passed = lib.microcontroller_cycle(microcontroller) - cycle
     return {
         "seed": seed,
-        "flash": flash_of(board.name),
+        "flash": flash_of(board),
         "ram": RAM - lib.microcontroller_untouched(microcontroller),
         "step": rider.statuses[board.source][6] * MHZ,
         "awake": lib.microcontroller_longest_awake(microcontroller),
@@ -69,10 +70,16 @@ def of(key: str, whole: int):
     return text
 
 
+BOARDS = {
+    "drive board": Board("drive", DRIVE),
+    "drive board, IMU=mpu6050": Board("drive", DRIVE, "mpu6050"),
+    "sensor board": Board("sensor", SENSOR),
+}
+
 BENCH = Bench(
     name="avr",
     about="what the boards' programs take of their ATmega32s, and how fast the pair simulates",
-    rows=each(run, {"drive board": Board("drive", DRIVE), "sensor board": Board("sensor", SENSOR)}),
+    rows=each(run, BOARDS),
     columns=(
         Column("flash (bytes)", of("flash", FLASH)),
         Column("RAM with stack, high-water mark (bytes)", of("ram", RAM)),

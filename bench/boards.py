@@ -12,6 +12,7 @@ import numpy as np
 
 from firmware.virtual import World
 from firmware.virtual.avr import AvrCrunch
+from firmware.virtual.avr.programs import Imu
 from firmware.virtual.host import HostCrunch
 from firmware.virtual.variation import Variation
 from server.channels import BALANCE, DRIVE, LAST_WORDS, REASONS, SENSOR, STATES, STATUS, Refused, encode_command, read
@@ -41,9 +42,10 @@ class Rider:
         seed: int,
         variation: Variation | None = None,
         is_real: bool = True,
+        imu: Imu = "analogue",
     ):
         if is_real:
-            self.robot: Any = AvrCrunch(world, start, seed, drift="none")
+            self.robot: Any = AvrCrunch(world, start, seed, "none", imu=imu)
         else:
             self.robot = HostCrunch(world, np.array(start), seed, drift="none")
         self.body = self.robot.robot.body
