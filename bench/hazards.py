@@ -108,7 +108,7 @@ def block(*sides: int) -> Callable[[Rider], None]:
 def lift(rider: Rider) -> None:
     """A hand takes it off the floor; the time counts from when its wheels run."""
     rider.body.is_lifted = True
-    for _ in range(PATIENCE_MS):
+    for _ in range(6 * PATIENCE_MS):  # held exactly upright it may be quiet for long
         if max(map(abs, rider.body.wheel_rates)) > RUNNING_RATE:
             return
         rider.live(1)

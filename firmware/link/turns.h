@@ -16,8 +16,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define TURNS_OWN_MS 10
-#define TURNS_GRANT_MS 2  /* at least one of the sensor board's ticks falls into it */
+#define TURNS_OWN_MS 9
+#define TURNS_GRANT_MS 3  /* a step may make its first ms short: one of the sensor board's ticks falls into the rest */
 #define TURNS_LISTEN_MS 8 /* a frame of 24 bytes takes 6.25 ms */
 #define TURNS_GRANTED_BYTES 24
 

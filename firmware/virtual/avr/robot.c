@@ -188,7 +188,7 @@ void avr_robot_duties(const struct avr_robot *robot, double duties[2])
     }
 }
 
-/* GRANT is high for 2 ms in 20: no older grant can meet a byte of the last ms. */
+/* GRANT is high for 3 ms in 20: no older grant can meet a byte of the last ms. */
 static bool is_within_grant(const struct avr_robot *robot, const struct sent_byte *sent)
 {
     const uint64_t rise = robot->last_rise.cycle, fall = robot->last_fall.cycle;
