@@ -5,15 +5,18 @@ The bench does it for ten minutes; here faults come every 12 s.
 
 from __future__ import annotations
 
+import math
 import struct
 
 import pytest
 
 from bench import radio
 from bench.board_watch import BoardWatch, Sent
+from firmware.virtual import Radio
 from tests.firmware.avr_tools import need_simavr
 
 MINUTES = 0.25
+DRIVE_COMMAND_BYTES = 18
 LATE = "1.2 s late once it stands"
 
 
@@ -26,6 +29,12 @@ def soon(monkeypatch):
         monkeypatch.setattr(radio, name, second)
 
 
+def arriving(bad: Radio, replays: int) -> float:
+    """How many of so many commands come through the radio whole, at the least: four deviations below the mean."""
+    share = (1.0 - bad.chunk_loss) * (1.0 - bad.bit_error_rate) ** (8 * DRIVE_COMMAND_BYTES)
+    return replays * share - 4.0 * math.sqrt(replays * share * (1.0 - share))
+
+
 @pytest.mark.parametrize("case", radio.CASES)
 def test_it_stands_obeys_what_was_sent_and_is_known(case):
     found = radio.run(case, 3, MINUTES)
@@ -35,7 +44,7 @@ def test_it_stands_obeys_what_was_sent_and_is_known(case):
     assert found["false"] == 0
     assert found["collisions"] == 0
     assert found["replays"] > 10
-    assert found["refused"] > 0.4 * found["replays"]  # on the worst radio six in ten get there
+    assert found["refused"] >= arriving(radio.CASES[case].radio, found["replays"] - 2)  # two may be under way still
     if case == LATE:
         assert found["obeyed"] <= 3  # but for stops
     else:
