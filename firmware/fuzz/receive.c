@@ -9,6 +9,7 @@
  *  - wishes and duties stay in their limits, and without balancing the motors are off;
  *  - what the boards say are good frames of their own.
  */
+#include "../link/seal.h"
 #include "../drive/loop.h"
 #include "../sensor/loop.h"
 
@@ -119,7 +120,7 @@ static void judge_command(const struct frame *frame, enum command_kind kind, uin
     const uint32_t told = check[0] | (uint32_t)check[1] << 8 | (uint32_t)check[2] << 16 | (uint32_t)check[3] << 24;
     const uint16_t age_ms = (uint16_t)(now_ms - (uint16_t)(echo[0] | echo[1] << 8));
     insist(told == remainder_of(frame->payload, frame->size - 4u));
-    insist(kind == COMMAND_STOP || kind == COMMAND_DISARM || age_ms <= COMMAND_MAX_AGE_MS);
+    insist(kind == COMMAND_STOP || kind == COMMAND_DISARM || age_ms <= SEAL_MAX_AGE_MS);
 }
 
 static void judge_frame(const struct boards *boards, const struct frame *frame)
