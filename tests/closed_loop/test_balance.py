@@ -15,7 +15,8 @@ from tests.firmware.virtual_wire import (
     stop_command,
 )
 
-FALLEN, FELL = 2, 2
+FALLEN, FAULT = 2, 4
+FELL, STALL, LIFTED, DISAGREEMENT = 2, 4, 11, 12
 
 
 def motion_of(robot, seconds, step=0.02):
@@ -94,19 +95,39 @@ def test_a_stop_command_stops_it_at_once(build):
     assert motion_of(robot, 5.0)[1] < 0.08
 
 
-def test_a_fall_switches_off_and_is_latched(build):
-    robot = VirtualCrunch(room(6, 6), seed=5, build=build)
+def thrown(seed, newtons, build):
+    """A robot after a blow of 0.3 s that no gain stands, and its last words."""
+    robot = VirtualCrunch(room(6, 6), seed=seed, build=build)
     robot.advance(1.0)
-    robot.push(60.0)
+    robot.push(newtons)
     robot.advance(0.3)
     robot.push(0.0)
-    data = robot.advance(3.0)
-    assert robot.state == "fallen"
-    *_, left, right, state, reason, _ = payloads(data, BALANCE)[-1]
-    assert (left, right, state, reason) == (0, 0, FALLEN, FELL)
+    *_, left, right, state, reason, _ = payloads(robot.advance(3.0), BALANCE)[-1]
+    return robot, (left, right), state, reason
+
+
+def assert_latched(robot):
+    state = robot.state
     drive_for(robot, 2.0, 0.3)
-    assert robot.state == "fallen"
+    assert robot.state == state
     assert abs(robot.tilt) > 1.0
+
+
+def test_a_fall_switches_off_and_is_latched(build):
+    robot, duties, state, reason = thrown(5, 40.0, build)
+    assert (duties, state, reason) == ((0, 0), FALLEN, FELL)
+    assert robot.state == "fallen"
+    assert_latched(robot)
+
+
+@pytest.mark.parametrize("newtons", [20.0, 25.0, 60.0])
+def test_a_blow_that_throws_it_ends_in_a_stop_with_what_was_noticed_first(newtons):
+    """Before it leans far enough for a fall the motors are at their limit, or wheels and body tell two motions."""
+    for seed in range(1, 7):
+        robot, duties, state, reason = thrown(seed, newtons, "host")
+        assert duties == (0, 0)
+        assert (state, reason) in {(FALLEN, FELL), (FAULT, STALL), (FAULT, LIFTED), (FAULT, DISAGREEMENT)}
+        assert_latched(robot)
 
 
 def test_picked_up_and_armed_again_it_balances(build):
