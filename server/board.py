@@ -65,13 +65,25 @@ def board(
     is_live = sys.stdout.isatty() and not as_json
     if seconds is None and not is_live:
         seconds = WORKING if commands or get else LISTENING
-    logging.getLogger("server.transport").setLevel(logging.ERROR)  # what is wrong with a link is told at the end
     work = Work(link, seconds, commands, get or bool(commands) or is_live)
-    done = run(work, live if is_live else unwatched)
+    with quiet_links():
+        done = run(work, live if is_live else unwatched)
     if as_json:
         typer.echo(json.dumps(done.report(), indent=2))
     elif not is_live:
         show(done)
+
+
+@contextlib.contextmanager
+def quiet_links() -> Iterator[None]:
+    """No warnings of links meanwhile: what is wrong with one is told at the end."""
+    logger = logging.getLogger("server.transport")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 @contextlib.contextmanager

@@ -61,8 +61,8 @@ static void take_wish(struct supervisor *supervisor, const struct drive_wish *wi
 
 static void ask_to_arm(struct supervisor *supervisor)
 {
-    if (supervisor_is_balancing(supervisor))
-        return;
+    if (supervisor_is_balancing(supervisor) || supervisor->is_arm_wanted)
+        return; /* asked again: the wait goes on */
     supervisor->state = DRIVE_DISARMED;
     supervisor->is_arm_wanted = true;
     supervisor->upright_ms = 0;

@@ -265,6 +265,15 @@ def test_arming_needs_the_wish_the_rest_and_the_upright_stand():
     assert asked.state == ARMED
 
 
+def test_who_asks_again_and_again_is_not_kept_waiting():
+    asked = supervisor()
+    for _ in range(3):
+        obey(asked, ARM)
+        assert not steps(asked, 20)
+    obey(asked, ARM)
+    assert steps(asked, 20)
+
+
 def test_a_fall_is_latched_until_armed_again():
     made = supervisor(ARMED)
     assert steps(made, 1, tilt=0.69)

@@ -27,7 +27,7 @@ def test_nothing_is_found_and_every_line_of_the_decoders_reached(tmp_path):
     assert found["findings"] == "none", done.stderr[-3000:]
     assert found["executions"] >= RUNS
     lines = fuzz.reached(program("replay"), tmp_path / "inputs")
-    for name in ("link/frame.c", "link/cobs.c", "drive/command.c"):
+    for name in ("link/frame.c", "link/cobs.c", "link/seal.c", "drive/command.c"):
         assert lines[name][0] == lines[name][1], name
 
 
@@ -36,8 +36,8 @@ def test_nothing_is_found_and_every_line_of_the_decoders_reached(tmp_path):
     [
         ("link/frame.c", "decoder->size < sizeof decoder->pending", "decoder->size <= sizeof decoder->pending"),
         ("link/cobs.c", "code - 1 > size - from", "code - 1 > size"),
-        ("drive/command.c", "== get32(frame->payload + covered)", "!= ~get32(frame->payload + covered)"),
-        ("drive/command.c", "<= COMMAND_MAX_AGE_MS", "<= 4 * COMMAND_MAX_AGE_MS"),
+        ("link/seal.c", "== seal_get32(frame->payload + covered)", "!= ~seal_get32(frame->payload + covered)"),
+        ("link/seal.c", "<= SEAL_MAX_AGE_MS", "<= 4 * SEAL_MAX_AGE_MS"),
         ("drive/supervisor.c", "limited(wish->speed, MAX_SPEED)", "wish->speed"),
     ],
     ids=["overflow", "over-read", "no CRC-32", "stale", "no limit"],
