@@ -68,7 +68,7 @@ static void judge_zeroing(struct drive_loop *loop)
     if (loop->tilt.rest_steps != loop->zeroing_steps % TILT_REST_STEPS)
         answer_zeroing(loop, &loop->zeroing, OUTCOME_MOVING);
     else if (loop->zeroing_steps == TILT_REST_STEPS)
-        answer_zeroing(loop, &loop->zeroing, OUTCOME_DONE);
+        answer_zeroing(loop, &loop->zeroing, loop->tilt.is_rested ? OUTCOME_DONE : OUTCOME_BOUNDS);
 }
 
 /* The robot is held upright: what the accelerometer shows now becomes the setting, to be stored like the others. */
@@ -86,6 +86,9 @@ static void learn_level(struct drive_loop *loop, const struct adjustment *adjust
 
 static void obey_adjustment(struct drive_loop *loop, const struct adjustment *adjustment)
 {
+    const bool may_level = adjustment->verb >= VERB_BUILT_IN || adjustment->setting == SETTING_LEVEL;
+    if (may_level && adjustment->verb != VERB_ASK)
+        loop->balance.trim = 0.0f; /* it was learned for another level */
     if (adjustment->verb == VERB_ZERO_GYRO) {
         begin_zeroing(loop, adjustment);
         return;

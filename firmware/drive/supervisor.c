@@ -90,7 +90,9 @@ void supervisor_obey(struct supervisor *supervisor, const struct command *comman
         break;
     case COMMAND_STOP:
         halt(supervisor);
-        supervisor->reason = STOP_COMMAND;
+        supervisor->is_arm_wanted = false;
+        if (supervisor_is_balancing(supervisor)) /* what lies keeps the reason why */
+            supervisor->reason = STOP_COMMAND;
         break;
     case COMMAND_ARM:
         ask_to_arm(supervisor);
@@ -117,6 +119,9 @@ static void judge_arming(struct supervisor *supervisor, const struct drive_healt
 {
     const bool may_arm = supervisor->is_arm_wanted && health->is_rested && is_within(health->tilt, SUPERVISOR_ARM_TILT);
     supervisor->upright_ms = lasting(supervisor->upright_ms, may_arm);
+    supervisor->wanted_ms = lasting(supervisor->wanted_ms, supervisor->is_arm_wanted);
+    if (supervisor->wanted_ms >= SUPERVISOR_ARM_PATIENCE_MS)
+        supervisor->is_arm_wanted = false;
     if (supervisor->upright_ms < SUPERVISOR_ARM_MS)
         return;
     supervisor->state = DRIVE_ARMED;

@@ -3,7 +3,8 @@
  * What the drive board may do, and why it stopped: the rules of safety, apart from the balance law.
  *
  * | hazard         | rule                                                                                    |
- * | arming         | asked for, held still for 1 s, then upright within 0.2 rad for 0.4 s                    |
+ * | arming         | asked for, held still for 1 s, then upright within 0.2 rad for 0.4 s; a stop, or 20 s   |
+ * |                | of waiting, end the wish; never with a gyro whose zero cannot be (tilt.h)               |
  * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again. Beyond   |
  * |                | 0.25 rad, too, where the motors are at their limit, or gyro at its own for 50 ms        |
  * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
@@ -29,6 +30,7 @@
 #define SUPERVISOR_LOST_TILT 0.25f
 #define SUPERVISOR_ARM_TILT 0.2f
 #define SUPERVISOR_ARM_MS 400
+#define SUPERVISOR_ARM_PATIENCE_MS 20000
 
 struct drive_health { /* what one step of the loop knows */
     float tilt;
@@ -52,6 +54,7 @@ struct supervisor {
     struct drive_wish wish;
     uint16_t silent_ms;  /* since the last valid command; stays at its maximum */
     uint16_t upright_ms; /* counters of conditions that must last */
+    uint16_t wanted_ms;
     uint16_t saturated_ms;
     uint16_t tumbling_ms;
     uint16_t stuck_ms[2]; /* left and right */

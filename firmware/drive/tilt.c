@@ -4,6 +4,7 @@
 #define TRIM_TIME 30.0f      /* s; how slowly the gyro's zero follows */
 #define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
 #define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
+#define MAX_ZERO 0.36f       /* rad/s: the gyro's 0.2 V are 0.28, the MPU-6050's 20 deg/s 0.35 */
 #define MAX_LEVEL 41.0f      /* counts from the middle, 0.2 g: a part beyond it is broken, or held askew */
 #define RAIL_LOW (4u * TILT_OVERSAMPLING)
 #define RAIL_HIGH (1019u * TILT_OVERSAMPLING)
@@ -84,7 +85,13 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
     tilt->level_sum += accelerometer_counts(sums);
     tilt->rest_steps++;
     if (tilt->rest_steps == TILT_REST_STEPS) {
-        tilt->gyro_zero = tilt->rest_sum / (float)TILT_REST_STEPS;
+        const float zero = tilt->rest_sum / (float)TILT_REST_STEPS;
+        if (tilt->rail_steps > 0 || zero * zero > MAX_ZERO * MAX_ZERO) { /* dead, or stuck: it would seem still */
+            tilt->is_rested = false;
+            start_rest(tilt, rate);
+            return false;
+        }
+        tilt->gyro_zero = zero;
         if (!tilt->is_rested)
             tilt->angle = tilt_of_gravity(tilt, sums);
         tilt->level = tilt->level_sum / (float)TILT_REST_STEPS;
@@ -99,7 +106,7 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
 bool tilt_level(struct tilt *tilt)
 {
     const float away = tilt->level - TILT_ZERO_COUNTS;
-    if (!tilt->is_rested || away > MAX_LEVEL || away < -MAX_LEVEL)
+    if (!tilt->is_rested || away * away > MAX_LEVEL * MAX_LEVEL)
         return false;
     tilt->accelerometer_zero = tilt->level;
     tilt->angle = 0.0f;

@@ -6,7 +6,7 @@
  *
  *     line     | drive's own ............... | sensor's ............................ |
  *     GRANT    _____________________________/^^^^^^^^^^^\____________________________
- *                      10 ms, or until idle      2 ms             8 ms
+ *                      9 ms, or until idle       3 ms             8 ms
  *
  * GRANT is pulled low: a drive board that is dead or in reset grants nothing. After a reset it listens first.
  */

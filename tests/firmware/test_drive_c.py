@@ -88,6 +88,20 @@ def test_rest_learns_the_gyros_zero_in_a_second_and_motion_starts_it_again():
     assert not LIB.tilt_rest(tilt, sums(rate=0.5))
 
 
+@pytest.mark.parametrize("zero", [0.0, 205.0, 819.0, 1023.0])
+def test_a_gyro_that_is_dead_or_stuck_is_never_at_rest(zero):
+    tilt = FFI.new("struct tilt *")
+    LIB.tilt_init(tilt)
+    for _ in range(1000):
+        LIB.tilt_step(tilt, sums(zero=zero))
+        assert not LIB.tilt_rest(tilt, sums(zero=zero))
+    for _ in range(400):  # mended
+        LIB.tilt_step(tilt, sums())
+        rested = LIB.tilt_rest(tilt, sums())
+    assert rested
+    assert abs(tilt.gyro_zero) < 0.01
+
+
 def test_a_builder_levels_a_crooked_accelerometer_at_rest():
     tilt = FFI.new("struct tilt *")
     LIB.tilt_init(tilt)
@@ -272,6 +286,25 @@ def test_who_asks_again_and_again_is_not_kept_waiting():
         assert not steps(asked, 20)
     obey(asked, ARM)
     assert steps(asked, 20)
+
+
+def test_a_stop_or_time_ends_the_wish_to_be_armed():
+    asked = supervisor()
+    obey(asked, ARM)
+    obey(asked, STOP)
+    assert not steps(asked, 4000)
+    obey(asked, ARM)
+    assert not steps(asked, 4000, is_rested=False)
+    assert not steps(asked, 400)
+    obey(asked, ARM)
+    assert steps(asked, 80)
+
+
+def test_a_stop_leaves_the_reason_of_what_lies():
+    made = supervisor(ARMED)
+    steps(made, 1, tilt=0.8)
+    obey(made, STOP)
+    assert (made.state, made.reason) == (FALLEN, FELL)
 
 
 def test_a_fall_is_latched_until_armed_again():
