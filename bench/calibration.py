@@ -39,13 +39,8 @@ from slam.uncertainty import MIDDLE, SAMPLE
 NOMINAL = (0.5, 0.68, 0.9, 0.95)
 BINS = 20  # of the probabilities at which the errors lie; level if the claims are right
 CERTAIN = 1e-4  # m; below this a claim says that there is no error at all
-SLIP = (
-    "distance_noise",
-    "turn_noise",
-    "scale_bias",
-    "turn_bias",
-    "rotation_noise",
-)  # in the order of the virtual robot's drifts
+# In the order of the virtual robot's drifts.
+SLIP = ("distance_noise", "turn_noise", "scale_bias", "turn_bias", "rotation_noise")
 DRIVES = ("low", "medium", "high", "intel", "aces")
 VIEWS = ("from the first vertex", "from the newest", "from all along", "revisits")
 VIEWERS = 20  # spread along the path

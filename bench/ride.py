@@ -111,7 +111,7 @@ def push(case: Case, seed: int) -> Record:
 
 
 def wall(case: Case, seed: int) -> Record:
-    """Drives against a wall for 15 s, then back: the greatest lean (deg), and whether it came away."""
+    """Drives against a wall for 15 s, then back: the greatest lean (deg), and whether it came away, or had stopped."""
     rider = rider_of(case, seed, 4.0, 1.0)
     rider.tell(SPEED)
     steepest = 0.0
@@ -121,7 +121,8 @@ def wall(case: Case, seed: int) -> Record:
     told, stands = ", ".join(rider.told), rider.is_balancing
     rider.tell(-SPEED)
     rider.wait(6.0)
-    is_kept = rider.body.x < 1.5 or not stands
+    has_stopped = rider.told[0] == "fault"  # and not fallen
+    is_kept = rider.body.x < 1.5 or has_stopped
     return {"seed": seed, "stands": stands, "is_kept": is_kept, "lean": math.degrees(steepest), "told": told}
 
 

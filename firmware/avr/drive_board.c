@@ -18,7 +18,6 @@
 #include "../drive/board.h"
 
 #include "adc.h"
-#include "eeprom.h"
 #include "encoders.h"
 #include "imu.h"
 #include "pwm.h"
@@ -65,31 +64,6 @@ struct boot board_init(void)
     return boot;
 }
 
-bool board_memory_is_free(void)
-{
-    return eeprom_is_free();
-}
-
-uint8_t board_memory_read(uint8_t at)
-{
-    return eeprom_read(at);
-}
-
-void board_memory_write(uint8_t at, uint8_t byte)
-{
-    eeprom_write(at, byte);
-}
-
-uint32_t board_ms(void)
-{
-    return ticks_ms();
-}
-
-uint16_t board_us(void)
-{
-    return ticks_us();
-}
-
 bool board_sample(struct drive_samples *samples)
 {
     uint16_t sums[ADC_CHANNELS];
@@ -122,21 +96,6 @@ void board_motors_off(void)
     pwm_off();
 }
 
-bool board_receive(uint8_t *byte)
-{
-    return uart_receive(byte);
-}
-
-bool board_is_sending(void)
-{
-    return uart_is_sending();
-}
-
-void board_send(const uint8_t *frame, uint8_t size)
-{
-    uart_send(frame, size);
-}
-
 void board_grant(bool is_granted)
 {
     if (is_granted)
@@ -150,10 +109,4 @@ void board_pet(uint16_t worst_loop_us, const struct ending *ending)
     last_words->worst_loop_us = worst_loop_us;
     last_words->ending = *ending;
     watchdog_pet();
-}
-
-/* An interrupt just before the sleep is served late by the time to the next one: 104 us, the converter's. */
-void board_sleep(void)
-{
-    sleep_cpu();
 }

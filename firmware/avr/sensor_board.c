@@ -15,7 +15,6 @@
 
 #include "adc.h"
 #include "capture.h"
-#include "eeprom.h"
 #include "ticks.h"
 #include "uart.h"
 #include "watchdog.h"
@@ -53,16 +52,6 @@ struct boot board_init(void)
     return boot;
 }
 
-uint32_t board_ms(void)
-{
-    return ticks_ms();
-}
-
-uint16_t board_us(void)
-{
-    return ticks_us();
-}
-
 void board_fire(uint8_t sonars)
 {
     capture_fire(sonars == SONAR_ODD);
@@ -88,49 +77,13 @@ bool board_infrared(uint16_t counts[INFRARED_COUNT])
     return adc_take(counts);
 }
 
-bool board_receive(uint8_t *byte)
-{
-    return uart_receive(byte);
-}
-
-bool board_is_sending(void)
-{
-    return uart_is_sending();
-}
-
-void board_send(const uint8_t *frame, uint8_t size)
-{
-    uart_send(frame, size);
-}
-
 bool board_is_granted(void)
 {
     return (PIND & GRANT) != 0;
-}
-
-bool board_memory_is_free(void)
-{
-    return eeprom_is_free();
-}
-
-uint8_t board_memory_read(uint8_t at)
-{
-    return eeprom_read(at);
-}
-
-void board_memory_write(uint8_t at, uint8_t byte)
-{
-    eeprom_write(at, byte);
 }
 
 void board_pet(uint16_t worst_loop_us)
 {
     last_words->worst_loop_us = worst_loop_us;
     watchdog_pet();
-}
-
-/* An interrupt just before the sleep is served late by the time to the next one: 1 ms at most, the clock's. */
-void board_sleep(void)
-{
-    sleep_cpu();
 }

@@ -5,7 +5,6 @@
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
-#include <string.h>
 
 #define UBRR_38400 25 /* 16 MHz; 0.16 % fast */
 #define RECEIVED 64   /* a power of two; more than three steps' worth */
@@ -69,7 +68,8 @@ void uart_send(const uint8_t *frame, uint8_t size)
 {
     if (size == 0 || size > LINK_MAX_ENCODED)
         return;
-    memcpy((uint8_t *)sent, frame, size); /* no interrupt looks at it now */
+    for (uint8_t i = 0; i < size; i++) /* no interrupt looks at it now */
+        sent[i] = frame[i];
     sent_size = size;
     sent_next = 0;
     is_sending = true;

@@ -3,7 +3,8 @@
  * The balance law (thesis 1.1, after nBot): each wheel is driven by a linear sum of tilt, tilt rate, wheel velocity and
  * error from the commanded position. A forward command is subtracted from the velocity and moves the commanded position
  * at the same speed; a turn command is added to one wheel and subtracted from the other, which does not alter the
- * fore/aft balance. A slow trim, learned while it stands, takes out what the lean's zero is wrong by. Pure: no registers, no globals; the host's build gives the same bits.
+ * fore/aft balance. A slow trim, learned while it stands, takes out what the lean's zero is wrong by. Pure: no
+ * registers, no globals; the host's build gives the same bits.
  */
 #ifndef CRUNCH_DRIVE_BALANCE_H
 #define CRUNCH_DRIVE_BALANCE_H

@@ -11,7 +11,10 @@ static void apply_settings(struct drive_loop *loop)
     const float *values = loop->adjuster.settings.values;
     memcpy(&loop->balance.gains, values + SETTING_TILT, sizeof loop->balance.gains);
     loop->tilt.time_constant = values[SETTING_TIME_CONSTANT];
-    loop->tilt.accelerometer_zero = TILT_ZERO_COUNTS + values[SETTING_LEVEL] / TILT_G_PER_COUNT;
+    if (values[SETTING_LEVEL] != loop->level)
+        loop->balance.trim = 0.0f; /* it was learned for another */
+    loop->level = values[SETTING_LEVEL];
+    loop->tilt.accelerometer_zero = TILT_ZERO_COUNTS + loop->level / TILT_G_PER_COUNT;
     loop->telemetry.odometry_ms = (uint16_t)values[SETTING_ODOMETRY_MS];
     loop->telemetry.balance_ms = (uint16_t)values[SETTING_BALANCE_MS];
 }
@@ -86,9 +89,6 @@ static void learn_level(struct drive_loop *loop, const struct adjustment *adjust
 
 static void obey_adjustment(struct drive_loop *loop, const struct adjustment *adjustment)
 {
-    const bool may_level = adjustment->verb >= VERB_BUILT_IN || adjustment->setting == SETTING_LEVEL;
-    if (may_level && adjustment->verb != VERB_ASK)
-        loop->balance.trim = 0.0f; /* it was learned for another level */
     if (adjustment->verb == VERB_ZERO_GYRO) {
         begin_zeroing(loop, adjustment);
         return;

@@ -27,6 +27,7 @@ struct drive_loop {
     struct odometry odometry;
     struct agreement agreement;
     struct balance balance;
+    float level; /* the setting that the balance's trim was learned with, g */
     struct supervisor supervisor;
     struct telemetry telemetry;
     struct frame_decoder decoder;

@@ -24,22 +24,8 @@ static void take_commands(void)
 static void load_settings(void)
 {
     uint8_t record[SETTINGS_RECORD_SIZE(DRIVE_SETTINGS)];
-    for (uint8_t at = 0; at < sizeof record; at++)
-        record[at] = board_memory_read(at);
+    board_load(record, sizeof record);
     drive_loop_load(&loop, record);
-}
-
-/* One byte of a record under way, if the memory is free: a step never waits for it. */
-static void keep_settings(void)
-{
-    struct settings_work work;
-    if (!settings_work(&loop.adjuster.settings, &work) || !board_memory_is_free())
-        return;
-    if (!work.is_write)
-        work.byte = board_memory_read(work.at);
-    else if (board_memory_read(work.at) != work.byte)
-        board_memory_write(work.at, work.byte);
-    adjust_did(&loop.adjuster, &loop.teller, work.byte);
 }
 
 static void step(void)
@@ -53,7 +39,7 @@ static void step(void)
         board_drive(&loop.duties);
     else
         board_motors_off();
-    keep_settings();
+    board_keep(&loop.adjuster, &loop.teller);
     const uint16_t loop_us = (uint16_t)(board_us() - start_us);
     if (loop_us > loop.teller.worst_loop_us)
         loop.teller.worst_loop_us = loop_us;

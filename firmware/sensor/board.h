@@ -5,15 +5,13 @@
 #ifndef CRUNCH_SENSOR_BOARD_H
 #define CRUNCH_SENSOR_BOARD_H
 
+#include "../link/board.h"
 #include "loop.h"
 
 #define BOARD_LISTEN_MS 30 /* after a firing */
 
 /* All hardware on, interrupts enabled; returns what the status frame says about this start. */
 struct boot board_init(void);
-
-uint32_t board_ms(void);
-uint16_t board_us(void); /* wraps at 65536 */
 
 /* Fires a group, SONAR_EVEN or SONAR_ODD, and listens for it. */
 void board_fire(uint8_t sonars);
@@ -30,22 +28,10 @@ void board_start_infrared(void);
 /* Takes what it read; false while it has not ended. */
 bool board_infrared(uint16_t counts[INFRARED_COUNT]);
 
-bool board_receive(uint8_t *byte);
-bool board_is_sending(void);
-void board_send(const uint8_t *frame, uint8_t size);
-
 /* GRANT: the drive board leaves the line to this one. */
 bool board_is_granted(void);
 
-/* The EEPROM, from the settings' record on. A byte is written within 8.5 ms, until when the memory is not free. */
-bool board_memory_is_free(void);
-uint8_t board_memory_read(uint8_t at);
-void board_memory_write(uint8_t at, uint8_t byte);
-
 /* Keeps the watchdog quiet; `worst_loop_us` outlives a reset. */
 void board_pet(uint16_t worst_loop_us);
-
-/* Sleeps until something happens. */
-void board_sleep(void);
 
 #endif

@@ -30,22 +30,8 @@ static void take_commands(void)
 static void load_settings(void)
 {
     uint8_t record[SETTINGS_RECORD_SIZE(SENSOR_SETTINGS)];
-    for (uint8_t at = 0; at < sizeof record; at++)
-        record[at] = board_memory_read(at);
+    board_load(record, sizeof record);
     sensor_loop_load(&loop, record);
-}
-
-/* One byte of a record under way, if the memory is free: a step never waits for it. */
-static void keep_settings(void)
-{
-    struct settings_work work;
-    if (!settings_work(&loop.adjuster.settings, &work) || !board_memory_is_free())
-        return;
-    if (!work.is_write)
-        work.byte = board_memory_read(work.at);
-    else if (board_memory_read(work.at) != work.byte)
-        board_memory_write(work.at, work.byte);
-    adjust_did(&loop.adjuster, &loop.teller, work.byte);
 }
 
 static void take_echoes(void)
@@ -116,7 +102,7 @@ int main(void)
             const uint16_t start_us = board_us();
             speak_if_granted();
             work_one_ms();
-            keep_settings();
+            board_keep(&loop.adjuster, &loop.teller);
             note_time(start_us);
         }
         board_sleep();

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 from firmware.virtual.radio import Air, Radio
 
 STEP_MS = 20  # the driver's and the radio's beat
 DOWN, UP = 0, 1
 
 
-class OnAir:
+class OnAir(ABC):
     """A robot that is advanced in steps and speaks over a radio, if there is one.
 
     Whoever is one gives `time`, and `run` and `receive`, the boards' own ends of the line.
@@ -19,17 +21,17 @@ class OnAir:
         self.remainder_ms = 0.0
 
     @property
+    @abstractmethod
     def time(self) -> float:
         """Simulated seconds since the start."""
-        raise NotImplementedError
 
+    @abstractmethod
     def run(self, ms: int) -> bytes:
         """Lets boards and body live for at most STEP_MS; returns the bytes that the boards sent."""
-        raise NotImplementedError
 
+    @abstractmethod
     def receive(self, data: bytes) -> None:
         """Bytes that reached the boards."""
-        raise NotImplementedError
 
     def write(self, data: bytes) -> None:
         """Bytes from the host; the radio, if there is one, delays them."""

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "../link/board.h"
+
+#include "eeprom.h"
+#include "ticks.h"
+#include "uart.h"
+
+#include <avr/io.h>
+#include <avr/sleep.h>
+
+uint32_t board_ms(void)
+{
+    return ticks_ms();
+}
+
+uint16_t board_us(void)
+{
+    return ticks_us();
+}
+
+bool board_receive(uint8_t *byte)
+{
+    return uart_receive(byte);
+}
+
+bool board_is_sending(void)
+{
+    return uart_is_sending();
+}
+
+void board_send(const uint8_t *frame, uint8_t size)
+{
+    uart_send(frame, size);
+}
+
+void board_load(uint8_t *record, uint8_t size)
+{
+    for (uint8_t at = 0; at < size; at++)
+        record[at] = eeprom_read(at);
+}
+
+void board_keep(struct adjuster *adjuster, struct teller *teller)
+{
+    struct settings_work work;
+    if (!settings_work(&adjuster->settings, &work) || !eeprom_is_free())
+        return;
+    if (!work.is_write)
+        work.byte = eeprom_read(work.at);
+    else if (eeprom_read(work.at) != work.byte)
+        eeprom_write(work.at, work.byte);
+    adjust_did(adjuster, teller, work.byte);
+}
+
+/* An interrupt just before the sleep is served late by the time to the next one: 1 ms at most, the clock's. */
+void board_sleep(void)
+{
+    sleep_cpu();
+}

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * What both boards' main loops need of the hardware that both have; avr/board.c has it.
+ */
+#ifndef CRUNCH_LINK_BOARD_H
+#define CRUNCH_LINK_BOARD_H
+
+#include "adjust.h"
+
+uint32_t board_ms(void);
+uint16_t board_us(void); /* wraps at 65536 */
+
+bool board_receive(uint8_t *byte);
+bool board_is_sending(void);
+void board_send(const uint8_t *frame, uint8_t size);
+
+/* The settings' record in the EEPROM. */
+void board_load(uint8_t *record, uint8_t size);
+
+/* One byte of a record under way, if the memory is free: a step never waits for it. */
+void board_keep(struct adjuster *adjuster, struct teller *teller);
+
+/* Sleeps until something happens. */
+void board_sleep(void);
+
+#endif
