@@ -14,8 +14,9 @@ import numpy as np
 
 from bench.benchmark import Bench, Column, Record, Row, each, middle, plain, values_of
 from bench.board_watch import BoardWatch
+from bench.boards import hall
 from bench.host_view import HostView, Tapped
-from firmware.virtual import Radio, World
+from firmware.virtual import Radio
 from server.channels import DRIVE, SENSOR
 from server.messages import ArmCommand, Command, DriveCommand, StopCommand
 
@@ -53,19 +54,13 @@ CASES = {
 }
 
 
-def square(width: float) -> World:
-    """An empty room around the origin."""
-    x = width / 2
-    return World(np.array([[-x, -x, x, -x], [x, -x, x, x], [x, x, -x, x], [-x, x, -x, -x]]))
-
-
 class Drive:
     """One robot and its host, advanced together; the drive board's memory is looked at every millisecond."""
 
     def __init__(self, case: Case, seed: int):
         self.case = case
         self.rng = np.random.default_rng([seed, 0xAD10])
-        self.robot = Tapped(square(ROOM), seed=seed, radio=case.radio)
+        self.robot = Tapped(hall(ROOM, ROOM), seed=seed, radio=case.radio)
         self.view, self.watch = HostView(self.robot), BoardWatch(self.robot)
         self.host = self.view.host
         self.motion: Command = StopCommand()
