@@ -65,8 +65,11 @@ def viser_routes(dashboard: Dashboard, look: Callable[[], Snapshot]) -> APIRoute
         )  # fmt: skip
         with contextlib.suppress(OSError, websockets.InvalidHandshake):
             async with theirs as upstream:
-                await ours.accept(upstream.subprotocol)
-                await hand_through(ours, upstream)
+                try:
+                    await ours.accept(upstream.subprotocol)
+                    await hand_through(ours, upstream)
+                finally:
+                    upstream.transport.abort()  # a farewell takes turns, and we may be cancelled before the last of them
 
     return router
 
