@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from bench.boards import Rider, hall
 from firmware.virtual.variation import ACCELEROMETER_COUNTS
+from server.messages import ArmCommand
 
 STANDING = (0.0, 0.0)
 DRIVING = (0.3, 0.0)
@@ -20,7 +21,10 @@ FALLEN_TILT = 0.7  # rad
 FULL_DUTY = 0.95
 PATIENCE_MS = 5000
 GYRO, ACCELEROMETER, BATTERY, LEFT_MOTOR = 0, 1, 3, 6  # the drive board's inputs
+BRIDGE_AMPERES = 3.0  # for ever
 WATCHDOG, BROWN_OUT = 8, 4  # MCUCSR
+ADCSRA, ADIE = 0x26, 3
+TIMSK, OCIE2 = 0x59, 7
 
 
 def until(is_done: Callable[[Rider], bool]) -> Callable[[Rider], int | None]:
@@ -61,6 +65,16 @@ def ms_on(rider: Rider) -> int:
     return on
 
 
+def max_amperes(rider: Rider) -> float:
+    """Of the two motors' currents the greater."""
+    return max(map(abs, rider.body.motor_amperes))
+
+
+def is_spared(rider: Rider) -> bool:
+    """No motor takes more than its bridge bears."""
+    return max_amperes(rider) <= BRIDGE_AMPERES
+
+
 class Hazard(NamedTuple):
     """One row. `told` are (state, reason) that are true words for it; `reset_causes` those of the status."""
 
@@ -82,12 +96,23 @@ def drive_unarmed(rider: Rider) -> None:
     rider.tell(*DRIVING)
 
 
-def fall(rider: Rider) -> None:
-    """A shove that it cannot stand, up to the lean at which it is called a fall."""
-    rider.robot.push(60.0)
-    while abs(rider.robot.tilt) < FALLEN_TILT and not rider.is_off:
-        rider.live(1)
-    rider.robot.push(0.0)
+def arm_without_gyro(rider: Rider) -> None:
+    """Somebody asks it to arm that has no gyro."""
+    force(GYRO, 0.0)(rider)
+    rider.is_silent = False
+    rider.send(ArmCommand(True))
+
+
+def shove(newtons: float) -> Callable[[Rider], None]:
+    """More than it can stand, up to the lean at which it is called a fall."""
+
+    def inflict(rider: Rider) -> None:
+        rider.robot.push(newtons)
+        while abs(rider.robot.tilt) < FALLEN_TILT and not rider.is_off:
+            rider.live(1)
+        rider.robot.push(0.0)
+
+    return inflict
 
 
 def hush(rider: Rider) -> None:
@@ -121,6 +146,14 @@ def weaken(rider: Rider) -> None:
         rider.live(1)
 
 
+def overheat(rider: Rider) -> None:
+    """Shorted turns in both motors, and something in both wheels, up to when a motor takes more than its bridge bears."""
+    rider.body.shorted = 5.0
+    block(0, 1)(rider)
+    while max_amperes(rider) <= BRIDGE_AMPERES and not rider.is_off:
+        rider.live(1)
+
+
 def plug_in(rider: Rider) -> None:
     """The charger."""
     rider.robot.robot.charger_volts = 30.0
@@ -136,9 +169,19 @@ def crook(rider: Rider) -> None:
     rider.robot.robot.inertial.accelerometer_zero += 0.3 * ACCELEROMETER_COUNTS
 
 
-def hang(rider: Rider) -> None:
-    """The drive board's program stops where it is, with the motors on."""
-    rider.robot.lib.microcontroller_hang(rider.robot.robot.drive)
+def hang(is_deaf: bool) -> Callable[[Rider], None]:
+    """The drive board's program stops where it is, with the motors on; its interrupts go on, or do not."""
+    return lambda rider: rider.robot.lib.microcontroller_hang(rider.robot.robot.drive, is_deaf)
+
+
+def lose(register: int, bit: int) -> Callable[[Rider], None]:
+    """A spike clears one bit of the drive board's registers."""
+
+    def inflict(rider: Rider) -> None:
+        lib, drive = rider.robot.lib, rider.robot.robot.drive
+        lib.microcontroller_poke(drive, register, lib.microcontroller_peek(drive, register) & ~(1 << bit))
+
+    return inflict
 
 
 def brown_out(rider: Rider) -> None:
@@ -149,12 +192,22 @@ def brown_out(rider: Rider) -> None:
 
 FAULT = "fault"
 HAZARDS: tuple[Hazard, ...] = (
-    Hazard("hang", "watchdog, 120 ms", hang, 140, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
+    Hazard("hang", "watchdog, 120 ms", hang(True), 140, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
+           reset_causes=(WATCHDOG,)),
+    Hazard("hang, interrupts go on", "the same", hang(False), 140, (("disarmed", "watchdog"),), DRIVING,
+           until(is_reset), reset_causes=(WATCHDOG,)),
+    Hazard("no converter", "the same", lose(ADCSRA, ADIE), 145, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
+           reset_causes=(WATCHDOG,)),
+    Hazard("no clock", "the same", lose(TIMSK, OCIE2), 145, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
            reset_causes=(WATCHDOG,)),
     Hazard("both boards reset in flight", "off at once; disarmed", brown_out, 5, (("disarmed", "boot"),), DRIVING,
            until(is_reset), reset_causes=(BROWN_OUT, BROWN_OUT)),
-    Hazard("fall", "beyond 0.7 rad, same step", fall, 25, (("fallen", "fell"),)),
+    Hazard("fall", "beyond 0.7 rad, same step", shove(60.0), 25, (("fallen", "fell"),)),
+    Hazard("a slower fall", "the same", shove(25.0), 25, (("fallen", "fell"),)),
+    Hazard("a fall on its back", "the same", shove(-25.0), 25, (("fallen", "fell"),)),
     Hazard("never armed", "no motor runs", drive_unarmed, 0, (("disarmed", "boot"),), measure=ms_on, is_armed=False),
+    Hazard("asked to arm with a dead gyro", "no motor runs", arm_without_gyro, 0, (("disarmed", "boot"),),
+           measure=ms_on, is_armed=False),
     Hazard("link lost", "400 ms, then slows down and balances", hush, 2500, (("link lost", "link"),), DRIVING,
            until(is_still), is_on=True),
     Hazard("stall", "duty above 0.95 for 0.4 s", weaken, 600, ((FAULT, "stall"),), DRIVING),
@@ -164,6 +217,8 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard("picked up", "the wheels gain 0.6 m/s that the body does not", lift, 300, ((FAULT, "lifted"),)),
     Hazard("picked up while driving", "the same", lift, 300, ((FAULT, "lifted"),), DRIVING),
     Hazard("over-current", "a motor above 5 A for 20 ms", force(LEFT_MOTOR, 4.5), 40, ((FAULT, "current"),)),
+    Hazard("a motor too warm", "duties held down after 100 ms above 3 A", overheat, 200,
+           ((FAULT, "blocked"), ("fallen", "fell")), DRIVING, until(is_spared)),
     Hazard("battery low", "below 24 V no moves; balances", force(BATTERY, 23.5 / 8.0), 2500, (("armed", "battery"),),
            DRIVING, until(is_still), is_on=True),
     Hazard("charger in", "no moves; balances", plug_in, 2500, (("armed", "charger"),), DRIVING, until(is_still),

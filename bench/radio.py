@@ -122,7 +122,7 @@ class Drive:
     def inflict(self, second: int) -> None:
         """The boards' own faults, by the second of the minute."""
         if self.case.reset and second == FAULT_BEGIN:
-            self.robot.lib.microcontroller_hang(self.robot.robot.sensor)
+            self.robot.lib.microcontroller_hang(self.robot.robot.sensor, True)
             self.speaks_again.append(self.robot.time)
         if self.case.silent and second == FAULT_BEGIN:
             self.robot.robot.muted = 1 << (self.case.silent - 1)

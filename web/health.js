@@ -1,6 +1,6 @@
 // The robot's and the server's health: the chips in the header, and the panel with its groups of figures.
 
-const LOW_BATTERY = 25.2; // volts of 24 NiMH cells at 1.05 V each
+const LOW_BATTERY = 26.4; // volts of 24 NiMH cells at 1.1 V each; at 24 the board drives no more
 const EMPTY_BATTERY = 24.0;
 const CHARGING = 5; // volts at the charger's socket above which it is plugged in
 const STOPS = "Newest stops";

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "agreement.h"
 
+#include "arithmetic.h"
+
 #define GRAVITY 9.81f /* m/s2 */
 
 void agreement_rest(struct agreement *agreement, float speed)
@@ -15,11 +17,6 @@ void agreement_step(struct agreement *agreement, float speed, float tilt, float 
     agreement->body += (tilt - tilt_of_gravity) * (GRAVITY * AGREEMENT_DT) -
                        agreement->body * (AGREEMENT_DT / AGREEMENT_TIME);
     agreement->speed = speed;
-}
-
-static float magnitude(float value)
-{
-    return value < 0.0f ? -value : value;
 }
 
 enum accord agreement_judge(const struct agreement *agreement)

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "balance.h"
 
+#include "arithmetic.h"
+
 #include <stdbool.h>
 
 #define NOMINAL_BATTERY 28.8f /* V */
@@ -26,18 +28,9 @@ const struct balance_gains BALANCE_GAINS = {
     .turn_rate = 0.06f, .heading = 0.45f, .feed_turn = 0.10f,
 };
 
-static float clamp(float value, float limit)
-{
-    if (value > limit)
-        return limit;
-    if (value < -limit)
-        return -limit;
-    return value;
-}
-
 static float toward(float value, float wanted, float step)
 {
-    return value + clamp(wanted - value, step);
+    return value + limited(wanted - value, step);
 }
 
 void balance_init(struct balance *balance)
@@ -70,7 +63,7 @@ static void follow_wish(struct balance *balance, const struct rolled *rolled, co
     balance->ahead = leashed(balance->ahead + rolled->distance - balance->wanted_speed * BALANCE_DT,
                              balance->wanted_speed);
     balance->heading_ahead =
-        clamp(balance->heading_ahead + rolled->angle - balance->wanted_turn * BALANCE_DT, HEADING_LEASH);
+        limited(balance->heading_ahead + rolled->angle - balance->wanted_turn * BALANCE_DT, HEADING_LEASH);
 }
 
 /* What stands still but away from its place leans on a wrong zero: of its accelerometer, or of its own weight's place.
@@ -81,8 +74,8 @@ static void trim_lean(struct balance *balance, const struct drive_wish *wish)
     balance->standing = is_told_to_stand ? toward(balance->standing, SETTLED_TIME, BALANCE_DT) : 0.0f;
     if (balance->standing < SETTLED_TIME)
         return;
-    const float away = balance->ahead - clamp(balance->ahead, WANDER);
-    balance->trim = clamp(balance->trim + away * (TRIM_RATE * BALANCE_DT), MAX_TRIM);
+    const float away = balance->ahead - limited(balance->ahead, WANDER);
+    balance->trim = limited(balance->trim + away * (TRIM_RATE * BALANCE_DT), MAX_TRIM);
 }
 
 static float duty_limit(struct balance *balance)
@@ -108,10 +101,10 @@ struct duties balance_step(struct balance *balance, const struct lean *lean, con
                        gains->heading * balance->heading_ahead;
     const float scale = NOMINAL_BATTERY / (battery > LOWEST_BATTERY ? battery : NOMINAL_BATTERY);
     const float limit = duty_limit(balance);
-    const float differential = clamp(turn * scale, MAX_TURN_DUTY);
+    const float differential = limited(turn * scale, MAX_TURN_DUTY);
     const struct duties duties = {
-        .left = clamp(upright * scale - differential, limit),
-        .right = clamp(upright * scale + differential, limit),
+        .left = limited(upright * scale - differential, limit),
+        .right = limited(upright * scale + differential, limit),
     };
     return duties;
 }

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "loop.h"
 
+#include "arithmetic.h"
+
 #include <string.h>
 
 #define MAX_DUTY_BYTE 127.0f
@@ -126,23 +128,10 @@ enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte)
     return command.kind;
 }
 
-static float magnitude(float value)
-{
-    return value < 0.0f ? -value : value;
-}
-
-static float greater(float a, float b)
-{
-    return a > b ? a : b;
-}
-
 static int16_t rounded(float value, float limit)
 {
-    if (value > limit)
-        value = limit;
-    if (value < -limit)
-        value = -limit;
-    return (int16_t)(value < 0.0f ? value - 0.5f : value + 0.5f);
+    const float whole = limited(value, limit);
+    return (int16_t)(whole < 0.0f ? whole - 0.5f : whole + 0.5f);
 }
 
 static void tell_odometry(struct drive_loop *loop, const struct drive_samples *samples)
@@ -267,9 +256,11 @@ uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *sam
     const struct drive_health health = health_of(loop, samples, is_rested, &rolled);
     if (supervisor_step(&loop->supervisor, &health)) {
         const struct lean lean = {loop->tilt.angle, loop->tilt.rate};
-        const struct drive_wish wish = supervisor_wish(&loop->supervisor, &health);
+        const struct drive_wish wish = supervisor_wish(&loop->supervisor);
         const float battery = (float)samples->supplies.battery_mv / 1000.0f;
-        loop->duties = balance_step(&loop->balance, &lean, &rolled, &wish, battery);
+        const struct duties wanted = balance_step(&loop->balance, &lean, &rolled, &wish, battery);
+        loop->duties.left = limited(wanted.left, loop->supervisor.ceiling);
+        loop->duties.right = limited(wanted.right, loop->supervisor.ceiling);
     } else {
         motors_off(loop);
     }

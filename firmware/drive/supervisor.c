@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "supervisor.h"
 
+#include "arithmetic.h"
+
 #define MAX_SPEED 0.6f       /* m/s that may be asked for */
 #define MAX_TURN 3.0f        /* rad/s */
 #define MAX_WHEEL_SPEED 0.75f /* m/s of the faster wheel: what the motors have left is for balancing */
+#define DISCORD_MS 50         /* a shove of 25 N parts the accounts for less */
 #define SATURATED_DUTY 0.95f
 #define STUCK_DUTY 0.3f
 #define STUCK_SPEED 0.02f    /* m/s: one tick of the encoder's now and then */
@@ -12,13 +15,20 @@
 #define TUMBLING_MS 50
 #define MAX_CURRENT_MA 5000
 #define CURRENT_MS 20
+#define WARM_CURRENT_MA 3000 /* what a bridge bears for ever */
+#define WARM_STEPS 20         /* 100 ms */
+#define CEILING_FALL 0.02f   /* of duty in a step */
+#define CEILING_RISE 0.005f
 #define RAIL_STEPS 4         /* 20 ms; a sound part's own range ends a quarter of a volt before the converter's */
 #define EMPTY_BATTERY_MV 24000
+#define RESTED_BATTERY_MV 25000 /* what an empty one shows without a load is less */
+#define SUPPLY_MS 200
 #define CHARGER_MV 5000
 
 void supervisor_init(struct supervisor *supervisor)
 {
-    const struct supervisor fresh = {.state = DRIVE_DISARMED, .reason = STOP_BOOT, .silent_ms = UINT16_MAX};
+    const struct supervisor fresh = {.state = DRIVE_DISARMED, .reason = STOP_BOOT, .silent_ms = UINT16_MAX,
+                                     .ceiling = 1.0f};
     *supervisor = fresh;
 }
 
@@ -39,23 +49,15 @@ static void switch_off(struct supervisor *supervisor, uint8_t state, uint8_t rea
     supervisor->reason = reason;
     supervisor->is_arm_wanted = false;
     supervisor->upright_ms = supervisor->saturated_ms = supervisor->tumbling_ms = 0;
-    supervisor->current_ms = 0;
+    supervisor->current_ms = supervisor->discord_ms = 0;
     supervisor->stuck_ms[0] = supervisor->stuck_ms[1] = 0;
     halt(supervisor);
-}
-
-static float limited(float value, float limit)
-{
-    if (value > limit)
-        return limit;
-    return value < -limit ? -limit : value;
 }
 
 static void take_wish(struct supervisor *supervisor, const struct drive_wish *wish)
 {
     supervisor->wish.speed = limited(wish->speed, MAX_SPEED);
-    const float speed = supervisor->wish.speed < 0.0f ? -supervisor->wish.speed : supervisor->wish.speed;
-    const float left_for_turning = (MAX_WHEEL_SPEED - speed) / (0.5f * ODOMETRY_TRACK);
+    const float left_for_turning = (MAX_WHEEL_SPEED - magnitude(supervisor->wish.speed)) / (0.5f * ODOMETRY_TRACK);
     supervisor->wish.turn = limited(wish->turn, left_for_turning < MAX_TURN ? left_for_turning : MAX_TURN);
 }
 
@@ -112,7 +114,7 @@ static uint16_t lasting(uint16_t ms, bool is_true)
 
 static bool is_within(float tilt, float limit)
 {
-    return tilt < limit && tilt > -limit;
+    return magnitude(tilt) < limit;
 }
 
 static void judge_arming(struct supervisor *supervisor, const struct drive_health *health)
@@ -146,6 +148,7 @@ static void count_hazards(struct supervisor *supervisor, const struct drive_heal
     for (uint8_t side = 0; side < 2; side++)
         supervisor->stuck_ms[side] =
             judge_stuck(supervisor->stuck_ms[side], health->duty[side], health->wheel_speed[side]);
+    supervisor->discord_ms = lasting(supervisor->discord_ms, health->accord != ACCORD);
     supervisor->current_ms = lasting(supervisor->current_ms, health->motor_ma > MAX_CURRENT_MA);
 }
 
@@ -163,12 +166,23 @@ static void judge_hazards(struct supervisor *supervisor, const struct drive_heal
         switch_off(supervisor, DRIVE_FAULT, STOP_CURRENT);
     else if (supervisor->stuck_ms[0] >= STALL_MS || supervisor->stuck_ms[1] >= STALL_MS)
         switch_off(supervisor, DRIVE_FAULT, STOP_BLOCKED);
-    else if (health->accord == ACCORD_WHEELS_ALONE)
-        switch_off(supervisor, DRIVE_FAULT, STOP_LIFTED);
-    else if (health->accord == ACCORD_BODY_ALONE)
-        switch_off(supervisor, DRIVE_FAULT, STOP_DISAGREEMENT);
+    else if (supervisor->discord_ms >= DISCORD_MS)
+        switch_off(supervisor, DRIVE_FAULT, health->accord == ACCORD_BODY_ALONE ? STOP_DISAGREEMENT : STOP_LIFTED);
     else if (supervisor->saturated_ms >= STALL_MS)
         switch_off(supervisor, DRIVE_FAULT, STOP_STALL);
+}
+
+/* A short time of less current takes no longer than that to be made up for. */
+static void spare_motors(struct supervisor *supervisor, const struct drive_health *health)
+{
+    const bool is_much = health->motor_ma > WARM_CURRENT_MA;
+    if (is_much && supervisor->warm_steps < WARM_STEPS)
+        supervisor->warm_steps++;
+    else if (!is_much && supervisor->warm_steps > 0)
+        supervisor->warm_steps--;
+    const bool is_warm = supervisor->warm_steps == WARM_STEPS;
+    const float ceiling = supervisor->ceiling + (is_warm ? -CEILING_FALL : CEILING_RISE);
+    supervisor->ceiling = ceiling > 1.0f ? 1.0f : greater(ceiling, 0.0f);
 }
 
 static void judge_link(struct supervisor *supervisor)
@@ -182,28 +196,42 @@ static void judge_link(struct supervisor *supervisor)
     halt(supervisor);
 }
 
-static uint8_t reason_to_stay(const struct drive_health *health)
+static uint8_t reason_to_stay(const struct supervisor *supervisor, const struct drive_health *health)
 {
     if (health->charger_mv > CHARGER_MV)
         return STOP_CHARGER;
-    return health->battery_mv < EMPTY_BATTERY_MV ? STOP_BATTERY : STOP_NONE;
+    const uint16_t least = supervisor->stays == STOP_BATTERY ? RESTED_BATTERY_MV : EMPTY_BATTERY_MV;
+    return health->battery_mv < least ? STOP_BATTERY : STOP_NONE;
+}
+
+static void judge_supplies(struct supervisor *supervisor, const struct drive_health *health)
+{
+    const uint8_t reason = reason_to_stay(supervisor, health);
+    const uint8_t before = supervisor->stays;
+    supervisor->stay_ms = lasting(supervisor->stay_ms, reason != before);
+    if (supervisor->stay_ms >= SUPPLY_MS) {
+        supervisor->stays = reason;
+        supervisor->stay_ms = 0;
+    }
+    const bool is_told = supervisor->stays != STOP_NONE || before != STOP_NONE;
+    if (is_told && supervisor_is_balancing(supervisor))
+        supervisor->reason = supervisor->stays;
 }
 
 bool supervisor_step(struct supervisor *supervisor, const struct drive_health *health)
 {
     judge_link(supervisor);
+    spare_motors(supervisor, health);
     if (supervisor->state == DRIVE_DISARMED)
         judge_arming(supervisor, health);
     else if (supervisor_is_balancing(supervisor))
         judge_hazards(supervisor, health);
-    const uint8_t reason = reason_to_stay(health);
-    if (supervisor_is_balancing(supervisor) && reason != STOP_NONE)
-        supervisor->reason = reason;
+    judge_supplies(supervisor, health);
     return supervisor_is_balancing(supervisor);
 }
 
-struct drive_wish supervisor_wish(const struct supervisor *supervisor, const struct drive_health *health)
+struct drive_wish supervisor_wish(const struct supervisor *supervisor)
 {
     const struct drive_wish still = {0.0f, 0.0f};
-    return reason_to_stay(health) == STOP_NONE ? supervisor->wish : still;
+    return supervisor->stays == STOP_NONE ? supervisor->wish : still;
 }

@@ -10,11 +10,12 @@
  * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
  * | stall          | a duty above 0.95 for 0.4 s: off                                                        |
  * | blocked wheel  | a duty above 0.3 for 0.4 s in all while its wheel stands still: off                     |
- * | picked up      | the wheels gain 0.6 m/s that the body does not (agreement.h): off                       |
- * | over-current   | a motor above 5 A for 20 ms: off                                                        |
- * | battery        | below 24 V no moves; charger connected: no moves                                        |
+ * | picked up      | the wheels gain 0.6 m/s that the body does not (agreement.h), for 50 ms: off            |
+ * | over-current   | a motor above 5 A for 20 ms: off. Above 3 A for 100 ms: both motors' duties are held    |
+ * |                | down, by 4 a second, until it is not; they may rise again by 1 a second                 |
+ * | battery        | below 24 V for 0.2 s no moves until it is above 25 V; charger connected: no moves       |
  * | sensor dead    | gyro or accelerometer at an end of the converter's range for 20 ms: off                 |
- * | sensors part   | gyro and accelerometer tell of 0.6 m/s that the wheels do not (agreement.h): off        |
+ * | sensors part   | gyro and accelerometer tell of 0.6 m/s that the wheels do not, for 50 ms: off           |
  * | hang           | the watchdog resets the board after 120 ms (avr/watchdog.h): off, disarmed; the next     |
  * |                | start tells its last words                                                              |
  */
@@ -58,7 +59,12 @@ struct supervisor {
     uint16_t saturated_ms;
     uint16_t tumbling_ms;
     uint16_t stuck_ms[2]; /* left and right */
+    uint16_t discord_ms;
     uint16_t current_ms;
+    uint16_t stay_ms;
+    uint8_t stays;         /* enum stop_reason why it may not move; STOP_NONE if it may */
+    uint8_t warm_steps;
+    float ceiling; /* magnitude that no duty may exceed, 0 to 1 */
 };
 
 void supervisor_init(struct supervisor *supervisor);
@@ -73,7 +79,7 @@ void supervisor_refuse(struct supervisor *supervisor);
 bool supervisor_step(struct supervisor *supervisor, const struct drive_health *health);
 
 /* What to drive now: the wish, or zero when nothing may move. */
-struct drive_wish supervisor_wish(const struct supervisor *supervisor, const struct drive_health *health);
+struct drive_wish supervisor_wish(const struct supervisor *supervisor);
 
 /* True while the robot balances. */
 bool supervisor_is_balancing(const struct supervisor *supervisor);

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tilt.h"
 
+#include "arithmetic.h"
+
 #define TRIM_TIME 30.0f      /* s; how slowly the gyro's zero follows */
 #define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
 #define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
@@ -47,11 +49,8 @@ static float accelerometer_counts(const struct inertial_sums *sums)
 
 float tilt_of_gravity(const struct tilt *tilt, const struct inertial_sums *sums)
 {
-    float sine = (accelerometer_counts(sums) - tilt->accelerometer_zero) * TILT_G_PER_COUNT;
-    if (sine > 1.0f)
-        sine = 1.0f;
-    if (sine < -1.0f)
-        sine = -1.0f;
+    const float sine =
+        limited((accelerometer_counts(sums) - tilt->accelerometer_zero) * TILT_G_PER_COUNT, 1.0f);
     const float square = sine * sine;
     /* the arc sine, exact near upright and within 0.05 rad up to lying */
     return sine * (1.0f + square * (1.0f / 6.0f + square * (3.0f / 40.0f + square * 0.32f)));
@@ -86,7 +85,7 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
     tilt->rest_steps++;
     if (tilt->rest_steps == TILT_REST_STEPS) {
         const float zero = tilt->rest_sum / (float)TILT_REST_STEPS;
-        if (tilt->rail_steps > 0 || zero * zero > MAX_ZERO * MAX_ZERO) { /* dead, or stuck: it would seem still */
+        if (tilt->rail_steps > 0 || magnitude(zero) > MAX_ZERO) { /* dead, or stuck: it would seem still */
             tilt->is_rested = false;
             start_rest(tilt, rate);
             return false;
@@ -106,7 +105,7 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
 bool tilt_level(struct tilt *tilt)
 {
     const float away = tilt->level - TILT_ZERO_COUNTS;
-    if (!tilt->is_rested || away * away > MAX_LEVEL * MAX_LEVEL)
+    if (!tilt->is_rested || magnitude(away) > MAX_LEVEL)
         return false;
     tilt->accelerometer_zero = tilt->level;
     tilt->angle = 0.0f;

@@ -44,6 +44,7 @@ void body_init(struct body *body, const struct caster *walls, uint64_t seed)
         .physique = {.mass = 2.6, .centre = 0.135, .inertia = 0.025},
         .push_height = DECK_HEIGHT,
         .contact = 1.0,
+        .shorted = 1.0,
     };
     *body = fresh;
     noise_init(&body->slip.noise, seed, 1);
@@ -111,7 +112,7 @@ static double motor(struct body *body, int side, double duty, double wheel_rate)
 {
     const double drive = duty * body->contact * body->battery.volts / BODY_NOMINAL_VOLTS - wheel_rate / FREE_SPEED;
     const double friction = fmax(-1.0, fmin(1.0, wheel_rate / FRICTION_SPEED)) * FRICTION;
-    body->motor_amperes[side] = STALL_CURRENT * drive;
+    body->motor_amperes[side] = STALL_CURRENT * body->shorted * drive;
     const double torque = STALL_TORQUE * drive - friction;
     if (!body->is_blocked[side])
         return torque;

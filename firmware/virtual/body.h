@@ -56,6 +56,7 @@ struct body {
     double wheel_rates[2];        /* rad/s */
     double motor_amperes[2];
     double contact;               /* share of the battery's voltage that reaches the motors; 1 unless something is bad */
+    double shorted;               /* times the current that a sound motor takes; 1 unless turns are shorted */
     double push;                  /* N forward; a test's or a person's hand, */
     double push_height;           /* m above the axle; the decks' unless changed */
     double clearance;             /* m that it may still move before walls must be looked for */

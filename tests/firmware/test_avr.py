@@ -117,7 +117,7 @@ def test_a_push_does_not_fell_it():
 def test_a_hang_ends_in_a_reset_with_the_motors_off_and_is_told():
     driven = Driven().stand()
     lib, drive = driven.robot.lib, driven.robot.robot.drive
-    lib.microcontroller_hang(drive)
+    lib.microcontroller_hang(drive, True)
     hung_ms = driven.robot.robot.now_ms
     assert len(payloads(driven.said, LAST_WORDS)) == 0
     before = lib.microcontroller_resets(drive)
@@ -141,7 +141,7 @@ def test_a_hang_ends_in_a_reset_with_the_motors_off_and_is_told():
 
 def test_the_sensor_board_s_hang_leaves_the_drive_board_alone():
     driven = Driven().stand()
-    driven.robot.lib.microcontroller_hang(driven.robot.robot.sensor)
+    driven.robot.lib.microcontroller_hang(driven.robot.robot.sensor, True)
     driven.wait(3.0)
     assert driven.status(SENSOR)[3] == WATCHDOG_RESET
     assert max(driven.leans) < 0.05
@@ -151,7 +151,7 @@ def test_the_sensor_board_s_hang_leaves_the_drive_board_alone():
 def test_a_receiver_that_nobody_reads_loses_the_third_byte():
     board = Microcontroller(built().drive)
     board.run_ms(5)
-    board.lib.microcontroller_hang(board.mcu)
+    board.lib.microcontroller_hang(board.mcu, True)
     board.lib.microcontroller_receive(board.mcu, b"abcde", 5)
     board.run_ms(5)
     assert board.lib.microcontroller_overruns(board.mcu) == 3

@@ -67,7 +67,7 @@ def test_the_truth_goes_on_when_the_drive_board_begins_anew():
     robot = VirtualCrunch(room(4, 4), seed=1, build="avr")
     robot.advance(1.0)
     boards: Any = robot.boards
-    boards.lib.microcontroller_hang(boards.robot.drive)
+    boards.lib.microcontroller_hang(boards.robot.drive, True)
     robot.advance(0.5)
     assert robot.state == "disarmed"
     robot.pick_up()

@@ -20,7 +20,8 @@ PURE = files(("link", "drive"), "*.c")
 STEPS = int(os.environ.get("PARITY_STEPS", "600"))  # 10000 where there is time: a minute
 MAX_STEP = 225
 MODULES = {  # bytes told
-    "tilt": 42, "odometry": 32, "agreement": 13, "balance": 36, "command": 9, "supervisor": 19, "power": 12,
+    "tilt": 42, "odometry": 32, "agreement": 13, "balance": 36, "command": 9, "supervisor": 23,
+    "settings": 7, "power": 12,
 }  # fmt: skip
 
 

@@ -500,13 +500,13 @@ uint32_t microcontroller_hasty(const struct microcontroller *mcu)
 }
 
 /* With interrupts off and asleep simavr would be done; a jump to itself (rjmp .-2) in erased flash spins. */
-void microcontroller_hang(struct microcontroller *mcu)
+void microcontroller_hang(struct microcontroller *mcu, bool is_deaf)
 {
     avr_t *avr = mcu->avr;
     const avr_flashaddr_t at = avr->flashend - 1;
     avr->flash[at] = 0xFF;
     avr->flash[at + 1] = 0xCF;
-    avr->sreg[S_I] = 0;
+    avr->sreg[S_I] = !is_deaf;
     avr->state = cpu_Running;
     avr->pc = at;
 }

@@ -96,7 +96,7 @@ void microcontroller_spoil(struct microcontroller *mcu, uint16_t address, uint8_
 /* Accesses to the EEPROM while a byte was being written, which silicon does not obey. */
 uint32_t microcontroller_hasty(const struct microcontroller *mcu);
 
-/* Lets the program hang from now on, until its watchdog bites. */
-void microcontroller_hang(struct microcontroller *mcu);
+/* Lets the program hang from now on, until its watchdog bites; its interrupts go on, or do not. */
+void microcontroller_hang(struct microcontroller *mcu, bool is_deaf);
 
 #endif

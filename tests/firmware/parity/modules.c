@@ -2,6 +2,7 @@
 #include "modules.h"
 
 #include "../../../firmware/link/crc.h"
+#include "../../../firmware/link/streams.h"
 
 #include <string.h>
 
@@ -19,6 +20,7 @@ void modules_init(struct modules *modules, uint32_t seed)
     odometry_init(&modules->odometry, 0, 0);
     balance_init(&modules->balance);
     supervisor_init(&modules->supervisor);
+    drive_settings_init(&modules->settings);
 }
 
 /* Marsaglia's xorshift. */
@@ -141,23 +143,46 @@ static void step_command(struct modules *modules, struct writer *writer)
 static void step_supervisor(struct modules *modules, struct writer *writer)
 {
     struct supervisor *supervisor = &modules->supervisor;
+    if (draw_below(modules, 64) == 0) { /* what must last is held */
+        modules->battery_mv = (uint16_t)(23000 + draw_below(modules, 10000));
+        modules->charger_mv = (uint16_t)(draw_below(modules, 8) == 0 ? 6000 : 0);
+        modules->motor_ma = draw_below(modules, 5500);
+    }
     const struct drive_health health = {
         .tilt = draw_float(modules, draw_below(modules, 64) == 0 ? 1.0f : 0.3f), .is_rested = true,
         .tilt_rate = draw_float(modules, 3.0f), .rail_steps = draw_below(modules, 5),
         .accord = draw_below(modules, 64) == 0 ? ACCORD_WHEELS_ALONE : ACCORD,
         .duty = {draw_float(modules, 1.0f), draw_float(modules, 1.0f)},
-        .wheel_speed = {draw_float(modules, 0.1f), draw_float(modules, 0.1f)}, .battery_mv = (uint16_t)(23000 + draw_below(modules, 10000)),
-        .charger_mv = (uint16_t)(draw_below(modules, 8) == 0 ? 6000 : 0), .motor_ma = draw_below(modules, 5500),
+        .wheel_speed = {draw_float(modules, 0.1f), draw_float(modules, 0.1f)},
+        .battery_mv = modules->battery_mv, .charger_mv = modules->charger_mv, .motor_ma = modules->motor_ma,
     };
     if (draw_below(modules, 16) == 0)
         supervisor->state = DRIVE_ARMED;
     if (draw_below(modules, 32) == 0)
         supervisor->silent_ms = SUPERVISOR_LINK_MS;
     const uint8_t told[] = {supervisor_step(supervisor, &health), supervisor->state, supervisor->reason};
-    const struct drive_wish wish = supervisor_wish(supervisor, &health);
+    const struct drive_wish wish = supervisor_wish(supervisor);
     tell(writer, &wish, sizeof wish);
     tell(writer, &supervisor->wish, sizeof supervisor->wish);
+    tell(writer, &supervisor->ceiling, sizeof supervisor->ceiling);
     tell(writer, told, sizeof told);
+}
+
+/* In and out of its bounds; most whole numbers are no period. */
+static void step_settings(struct modules *modules, struct writer *writer)
+{
+    static const float PERIODS[] = {5.0f, 20.0f, 40.0f, 80.0f, 200.0f, 400.0f, 500.0f, 2000.0f, 30.0f, 0.0f};
+    struct settings *settings = &modules->settings;
+    const uint8_t setting = (uint8_t)draw_below(modules, DRIVE_SETTINGS);
+    const struct bounds *bounds = &settings->bounds[setting];
+    const float middle = 0.5f * (bounds->low + bounds->high);
+    const float value = setting < STREAM_COUNT ? PERIODS[draw_below(modules, sizeof PERIODS / sizeof PERIODS[0])]
+                                               : middle + draw_float(modules, 1.2f * (bounds->high - middle));
+    const uint8_t outcome = (uint8_t)settings_set(settings, setting, value);
+    const uint16_t load = streams_load(settings->values);
+    tell(writer, &outcome, 1);
+    tell(writer, &load, sizeof load);
+    tell(writer, &settings->values[setting], sizeof(float));
 }
 
 static void step_power(struct modules *modules, struct writer *writer)
@@ -181,6 +206,7 @@ uint8_t modules_step(struct modules *modules, uint8_t out[MODULES_MAX_STEP])
     step_balance(modules, &writer);
     step_command(modules, &writer);
     step_supervisor(modules, &writer);
+    step_settings(modules, &writer);
     step_power(modules, &writer);
     return (uint8_t)(writer.at - out);
 }

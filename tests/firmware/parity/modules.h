@@ -17,6 +17,8 @@ struct modules {
     struct agreement agreement;
     struct balance balance;
     struct supervisor supervisor;
+    struct settings settings;
+    uint16_t battery_mv, charger_mv, motor_ma; /* shown to it for a while */
 };
 
 void modules_init(struct modules *modules, uint32_t seed);
