@@ -147,7 +147,7 @@ def weaken(rider: Rider) -> None:
 
 
 def overheat(rider: Rider) -> None:
-    """Shorted turns in both motors, and something in both wheels, up to when a motor takes more than its bridge bears."""
+    """Shorted turns in both motors and something in both wheels, until one takes more than its bridge bears."""
     rider.body.shorted = 5.0
     block(0, 1)(rider)
     while max_amperes(rider) <= BRIDGE_AMPERES and not rider.is_off:

@@ -73,18 +73,24 @@ def flash(
     programmer: Annotated[str, typer.Option(help="Which one, as `avrdude -c` names it.")] = "stk500v2",
     imu: Parts = Imu.ANALOGUE,
     fuses: Annotated[bool, typer.Option("--fuses", help="Write the fuses, too: once for a new chip.")] = False,
+    bit_clock: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Microseconds per bit; 10 for a new chip.", show_default="programmer's"),
+    ] = None,
 ) -> None:
     """Build a board's program and write it with avrdude. Stored settings stay.
 
     \b
         crunch firmware flash --board drive --port /dev/ttyUSB0
-        crunch firmware flash --board sensor --port usb --programmer usbasp --fuses
+        crunch firmware flash --board sensor --port usb --programmer usbasp --fuses --bit-clock 10
     """
     need(PROGRAMMER)
     built = make_programs(imu)
     writes = [f"{name}:w:{value:#04x}:m" for name, value in FUSES.items()] if fuses else []
     writes.append(f"flash:w:{built / f'{board}.hex'}:i")
     command = ["avrdude", "-p", CHIP, "-c", programmer, "-P", port]
+    if bit_clock is not None:
+        command += ["-B", f"{bit_clock:g}"]
     for write in writes:
         command += ["-U", write]
     result = run(command)

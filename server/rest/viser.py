@@ -69,7 +69,7 @@ def viser_routes(dashboard: Dashboard, look: Callable[[], Snapshot]) -> APIRoute
                     await ours.accept(upstream.subprotocol)
                     await hand_through(ours, upstream)
                 finally:
-                    upstream.transport.abort()  # a farewell takes turns, and we may be cancelled before the last of them
+                    upstream.transport.abort()  # a farewell takes turns, and we may be cancelled in one
 
     return router
 

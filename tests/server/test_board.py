@@ -201,12 +201,12 @@ def test_flashing_hands_the_right_file_to_the_programmer(capsys, tmp_path, monke
     need_simavr()
     program(tmp_path, "avrdude", "import sys; open(sys.argv[0] + '.said', 'w').write(' '.join(sys.argv[1:]))")
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    flags = ["--board", "sensor", "--port", "usb", "--programmer", "usbasp", "--fuses"]
+    flags = ["--board", "sensor", "--port", "usb", "--programmer", "usbasp", "--fuses", "--bit-clock", "10"]
     code, out, err = crunch(capsys, "firmware", "flash", *flags)
     assert (code, out, err) == (0, "sensor: written and verified\n", "")
     said = (tmp_path / "avrdude.said").read_text()
     assert said == (
-        f"-p m32 -c usbasp -P usb -U lfuse:w:0x3f:m -U hfuse:w:0x81:m -U flash:w:{flash.BUILT / 'sensor.hex'}:i"
+        f"-p m32 -c usbasp -P usb -B 10 -U lfuse:w:0x3f:m -U hfuse:w:0x81:m -U flash:w:{flash.BUILT / 'sensor.hex'}:i"
     )
 
 
