@@ -140,8 +140,8 @@ def lift(rider: Rider) -> None:
 
 
 def weaken(rider: Rider) -> None:
-    """A bad contact takes most of the motors' voltage, up to when a motor is given all there is."""
-    rider.body.contact = 0.45
+    """A bad contact takes half of the motors' voltage, up to when a motor is given all there is."""
+    rider.body.contact = 0.5
     while max(map(abs, rider.robot.duties)) < FULL_DUTY and not rider.is_off:
         rider.live(1)
 

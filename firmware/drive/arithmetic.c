@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "arithmetic.h"
 
-#include <math.h>
-
 float magnitude(float value)
 {
-    return fabsf(value);
+    return __builtin_fabsf(value);
 }
 
 float greater(float a, float b)
@@ -15,5 +13,5 @@ float greater(float a, float b)
 
 float limited(float value, float limit)
 {
-    return fabsf(value) > limit ? copysignf(limit, value) : value;
+    return __builtin_fabsf(value) > limit ? __builtin_copysignf(limit, value) : value;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Small sums on floats. With them as single bits absolute value and sign take less flash than comparisons.
+ * Small sums on floats. As single bits, by the compiler's own hand, absolute value and sign take less flash than as
+ * comparisons.
  */
 #ifndef CRUNCH_DRIVE_ARITHMETIC_H
 #define CRUNCH_DRIVE_ARITHMETIC_H

@@ -242,7 +242,7 @@ static void motors_off(struct drive_loop *loop)
     loop->duties.left = loop->duties.right = 0.0f;
 }
 
-uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples)
+void drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples)
 {
     const bool was_balancing = supervisor_is_balancing(&loop->supervisor);
     tilt_step(&loop->tilt, &samples->inertial);
@@ -265,5 +265,4 @@ uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *sam
         motors_off(loop);
     }
     note_ending(loop);
-    return drive_loop_tell(loop, samples);
 }

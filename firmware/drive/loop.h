@@ -48,10 +48,11 @@ void drive_loop_load(struct drive_loop *loop, const uint8_t *record);
 /* A byte from the host; returns the kind of command that it completed and that was obeyed, else COMMAND_REFUSED. */
 enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte);
 
-/* One step of 5 ms: estimate, supervise, balance, tell. Sets `duties`; returns the set of frames told. */
-uint8_t drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples);
+/* One step of 5 ms: estimate, supervise, balance. Sets `duties`, which the motors should get at once: a light body is
+ * balanced worse with every millisecond that passes. */
+void drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples);
 
-/* The telling alone. */
+/* After each step: what is due of the telemetry; returns the set of frames told. */
 uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *samples);
 
 #endif

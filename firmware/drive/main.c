@@ -39,6 +39,7 @@ static void step(void)
         board_drive(&loop.duties);
     else
         board_motors_off();
+    drive_loop_tell(&loop, &samples);
     board_keep(&loop.adjuster, &loop.teller);
     const uint16_t loop_us = (uint16_t)(board_us() - start_us);
     if (loop_us > loop.teller.worst_loop_us)

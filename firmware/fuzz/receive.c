@@ -71,6 +71,7 @@ static void pass_time(struct boards *boards)
     struct drive_loop *drive = &boards->drive;
     drive->teller.uptime_ms += STEP_MS;
     drive_loop_step(drive, &samples);
+    drive_loop_tell(drive, &samples);
     for (uint8_t ms = 0; ms < STEP_MS; ms++) {
         boards->sensor.teller.uptime_ms++;
         sensor_loop_tick(&boards->sensor);

@@ -100,7 +100,8 @@ void drive_board_sample(struct drive_board *drive, uint16_t gyro, uint16_t accel
 
 uint8_t drive_board_step(struct drive_board *drive)
 {
-    const uint8_t told = drive_loop_step(&drive->loop, &drive->samples);
+    drive_loop_step(&drive->loop, &drive->samples);
+    const uint8_t told = drive_loop_tell(&drive->loop, &drive->samples);
     drive->samples.inertial.gyro = drive->samples.inertial.accelerometer = 0;
     return told;
 }

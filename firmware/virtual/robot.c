@@ -173,8 +173,10 @@ static void tick(struct robot *robot)
     } else {
         run_drive(robot);
         run_sensor(robot);
-        const double duties[2] = {(double)robot->drive.loop.duties.left, (double)robot->drive.loop.duties.right};
-        body_step(&robot->body, duties);
+        const struct duties *duties = &robot->drive.loop.duties;
+        body_step(&robot->body, robot->duties);
+        robot->duties[0] = (double)duties->left; /* a step takes its time on the board */
+        robot->duties[1] = (double)duties->right;
         if (supervisor_is_balancing(&robot->drive.loop.supervisor))
             robot->body.is_held = false; /* the hand lets go */
     }

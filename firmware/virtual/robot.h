@@ -29,6 +29,7 @@ struct robot {
     uint64_t now_ms;   /* since the boards were switched on */
     uint64_t start_ms; /* where simulated time begins */
     struct body body;
+    double duties[2]; /* that the motors have; the board's come to them a ms later */
     struct gyro_and_accelerometer inertial;
     struct rangefinders rangefinders;
     struct drive_board drive;

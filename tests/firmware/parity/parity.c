@@ -105,6 +105,7 @@ uint8_t parity_step(struct parity *parity, uint8_t out[PARITY_MAX_STEP])
     if (draw(parity, 32) == 0)
         draw_adjustment(parity);
     drive_loop_step(loop, &parity->samples);
+    drive_loop_tell(loop, &parity->samples);
     if (draw(parity, 64) == 0)
         tilt_level(&loop->tilt);
     uint8_t size = tell_floats(loop, out);
