@@ -276,6 +276,7 @@ class Snapshot:
     balance: Balance | None = None
     power: Power | None = None
     boards: dict[str, Status] = field(default_factory=dict)
+    last_words: LastWords | None = None
     route: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # places to pass on the way to the goal, world
     spread: np.ndarray = field(default_factory=lambda: np.zeros(0))  # as in Estimate
     revisit_spread: np.ndarray = field(default_factory=lambda: np.zeros(0))

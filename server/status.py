@@ -69,6 +69,7 @@ def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> Rob
         distance_m=round(snapshot.distance, 3),
         virtual=is_virtual,
         layers=layers,
+        last_words=dataclasses.asdict(snapshot.last_words) if snapshot.last_words else None,
         boards={name: dataclasses.asdict(board) for name, board in snapshot.boards.items()},
     )
 

@@ -50,6 +50,11 @@ class RobotStatus(BaseModel):
     layers: list[str] = Field(
         default=[], examples=[["pose", "histogram", "local", "path", "tile"]], description="topics that this robot has"
     )
+    last_words: dict[str, Any] | None = Field(
+        default=None,
+        examples=[{"state": "armed", "reason": "none", "since": 12.4, "uptime": 61.0}],
+        description="how the drive board's run ended that its last reset cut off",
+    )
     boards: dict[str, dict[str, Any]] = Field(examples=[{"drive": {"uptime": 61.0, "reset_cause": 1}}])
 
 

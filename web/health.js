@@ -95,6 +95,7 @@ function robotRows(robot) {
   const [left, right] = robot.motor_amperes ?? [];
   return [
     ["State", STATES[robot.state] ?? robot.state ?? "not heard", STATES[robot.state] ? "" : robot.state ? "warn" : "bad"],
+    ...lastWordsRow(robot.last_words),
     ["Battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts)],
     ["Current", amperes(robot.battery_amperes)],
     ...(robot.motor_amperes ? [["Motors", `${signed(left)}, ${signed(right)} A`]] : []),
@@ -102,6 +103,13 @@ function robotRows(robot) {
     ["Tilt", degrees((180 / Math.PI) * robot.tilt_rad)],
     ["Driven", `${robot.distance_m.toFixed(1)} m`],
   ];
+}
+
+/** What the drive board did when a reset cut it off, if it remembers. */
+function lastWordsRow(words) {
+  if (!words) return [];
+  const why = words.reason === "none" ? "" : ` (${words.reason})`;
+  return [["Was reset", `after ${clock(words.uptime)}, ${STATES[words.state] ?? words.state}${why}`, "warn"]];
 }
 
 function stopRows({ stops = [] }) {

@@ -24,6 +24,7 @@ from server.messages import (
     Estimate,
     Goal,
     Keyframe,
+    LastWords,
     Message,
     Odometry,
     Power,
@@ -132,6 +133,7 @@ class Crunch:
         self.balance: Balance | None = None
         self.power: Power | None = None
         self.boards: dict[str, Status] = {}
+        self.last_words: LastWords | None = None
 
     def step(self, message: Message) -> list[Effect]:
         """Take one message up; what follows from it."""
@@ -164,6 +166,8 @@ class Crunch:
                 self.power = message
             case Status():
                 self.boards[message.board] = message
+            case LastWords():
+                self.last_words = message
         return []
 
     def roll(self, wheels: Wheels) -> list[Effect]:
@@ -298,6 +302,7 @@ class Crunch:
             balance=self.balance,
             power=self.power,
             boards=dict(self.boards),
+            last_words=self.last_words,
             route=self.pilot.course.rest() if self.pilot.course else np.zeros((0, 2)),
             spread=estimate.spread,
             revisit_spread=estimate.revisit_spread,

@@ -15,6 +15,7 @@ from server.messages import (
     DriveCommand,
     Estimate,
     Goal,
+    LastWords,
     Odometry,
     Power,
     Ranges,
@@ -23,6 +24,7 @@ from server.messages import (
     StopCommand,
 )
 from server.robots.crunch import Crunch
+from server.status import robot_status
 from slam.local_map import LocalMapParams
 from slam.path_filter import PathFilter
 from slam.pose import between, compose
@@ -323,9 +325,12 @@ def test_the_boards_words_are_kept():
     balance = Balance(1.0, 0.1, 0.0, 0.2, 0.3, "armed", "none", 7)
     power = Power(2.0, 12.1, 0.4, 0.0, 0.0, 0.1, 0.2)
     status = Status(3.0, "sensor", 1, "armed", "none", 0, 12.0, 3, 0.001, 0, 5)
-    assert feed(robot, [balance, power, status]) == []
+    words = LastWords(3.0, "fault", "blocked", 9.5, 11.0)
+    assert feed(robot, [balance, power, status, words]) == []
     seen = robot.snapshot()
-    assert (seen.balance, seen.power, seen.boards) == (balance, power, {"sensor": status})
+    assert (seen.balance, seen.power, seen.boards, seen.last_words) == (balance, power, {"sensor": status}, words)
+    told = robot_status(seen, is_virtual=True, layers=[])
+    assert told.last_words == {"t": 3.0, "state": "fault", "reason": "blocked", "since": 9.5, "uptime": 11.0}
 
 
 def test_halves_of_a_sonar_sweep_are_shown_together():

@@ -14,6 +14,13 @@ from tests.served import PATIENCE, Served, demo, wait_until
 from tests.web.conftest import GOOD, LISTEN, Open, Watched
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 3}
+LAST_WORDS = """(() => {
+    const last_words = { t: 3, state: "fault", reason: "blocked", since: 9.5, uptime: 71 };
+    const { status } = crunch;
+    crunch.connection.announce("status", { header: { ...status, robot: { ...status.robot, last_words } } });
+    const name = [...document.querySelectorAll("#health dt")].find((dt) => dt.textContent === "Was reset");
+    return name?.nextSibling.textContent;
+})()"""
 DRIVER = "crunch.status?.driver"
 RESTARTS = """(() => {
     const name = [...document.querySelectorAll("#health dt")].find((dt) => dt.textContent === "Restarts");
@@ -80,6 +87,7 @@ def test_everything_is_shown(served: Served, visit: Open):
         wait_until(lambda canvas=canvas: painted(page, canvas) > 0.01)
     assert page.value("document.querySelectorAll('#health dd').length") > 10
     page.wait("crunch.connection.silence < 1000")
+    assert page.value(LAST_WORDS) == "after 1:11, fault (blocked)"
 
 
 def test_every_control_has_a_name_and_nothing_is_wider_than_the_screen(served: Served, visit: Open):
