@@ -240,12 +240,14 @@ static void turn_wheels(struct avr_robot *robot)
 
 static bool run_drive(struct avr_robot *robot)
 {
-    const uint32_t resets = microcontroller_resets(robot->drive);
     robot->grant_count = 0;
     turn_wheels(robot);
     const bool runs = microcontroller_run(robot->drive, (robot->now_ms + 1) * MS_CYCLES);
-    if (microcontroller_resets(robot->drive) != resets)
+    if (microcontroller_resets(robot->drive) != robot->drive_starts) {
+        robot->drive_starts = microcontroller_resets(robot->drive);
         bystander_boot(&robot->bystander, robot->now_ms);
+        robot->last_fall.cycle = microcontroller_cycle(robot->drive); /* a reset lets go of GRANT without a word */
+    }
     return runs;
 }
 

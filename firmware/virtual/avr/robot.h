@@ -41,6 +41,7 @@ struct avr_robot {
     uint32_t sent[2];              /* bytes ever sent, drive and sensor */
     uint32_t collisions;           /* bytes that overlapped one of the other board's */
     struct grant_edge last_rise, last_fall;
+    uint32_t drive_starts;         /* of the drive board, as heard of */
     uint32_t trespasses;           /* bytes of the drive board on the line while it granted it */
     struct bystander bystander;
     uint64_t steer_ms;             /* when the plan's driver may command again */
