@@ -207,12 +207,14 @@ def telemetry_table(telemetry: dict[str, Any]) -> RenderableType:
 
 
 def settings_table(settings: dict[str, dict[str, dict[str, Any]]]) -> RenderableType:
-    """Values in force; a star marks what a reset would undo."""
-    table = table_of("setting", *settings)
+    """Values in force; a star marks what a reset would undo. Both boards know the streams' periods, or should."""
+    table, apart = table_of("setting", *settings), []
     for name in next(iter(settings.values())):
         cells = [known.get(name) for known in settings.values()]
         table.add_row(name, *("" if c is None else f"{c['value']:g}{'' if c['stored'] else ' *'}" for c in cells))
-    table.caption = "* not stored"
+        if len({cell["value"] for cell in cells if cell is not None}) > 1:
+            apart.append(name)
+    table.caption = "* not stored" + (f"; the boards differ in {', '.join(apart)}: set it again" if apart else "")
     return table
 
 

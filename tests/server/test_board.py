@@ -1,6 +1,7 @@
 """`crunch board` and `crunch firmware` as a person meets them: virtual, served and real boards, and what goes wrong."""
 
 import asyncio
+import io
 import json
 import os
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from firmware.virtual import Radio, VirtualCrunch
 from firmware.virtual.avr import AvrCrunch
@@ -19,6 +21,7 @@ from firmware.virtual.host import HostCrunch
 from firmware.virtual.serve import serve_pty, serve_tcp
 from server import __main__ as command
 from server import flash
+from server.board import settings_table
 from server.boards import Errands, Heard, both, setting
 from server.channels import Calibration
 from server.messages import AdjustCommand
@@ -253,3 +256,14 @@ def test_what_the_programmer_complains_of_is_told(capsys, tmp_path, monkeypatch)
 def test_outside_a_checkout_there_is_nothing_to_build(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(flash, "FIRMWARE", tmp_path)
     assert_mendable(crunch(capsys, "firmware", "build"), "not installed with crunch", "checkout")
+
+
+@pytest.mark.parametrize(("theirs", "is_told"), [(80.0, False), (160.0, True)])
+def test_boards_that_differ_in_a_stream_are_told_of(theirs, is_told):
+    settings = {
+        "drive": {"sonar_ms": {"value": 80.0, "stored": True}, "tilt": {"value": 5.2, "stored": True}},
+        "sensor": {"sonar_ms": {"value": theirs, "stored": True}},
+    }
+    console = Console(file=io.StringIO(), width=100)
+    console.print(settings_table(settings))
+    assert ("the boards differ in sonar_ms: set it again" in console.file.getvalue()) == is_told
