@@ -24,7 +24,7 @@ from bench.scores import params_of
 from bench.worlds import recording
 from server.formats.logs import Log
 from server.presets import THESIS
-from server.replay import Drive, fold, warm_up
+from server.replay import Drive, fold, warm_up, with_sensors
 from server.restarts import decided
 from server.robots.crunch import Crunch, CrunchParams, make_estimator
 from slam.evaluate import absolute_error, revisits
@@ -90,7 +90,7 @@ def run(drive: str, seed: int, names: list[str]) -> dict[str, Record]:
     folded: dict[str, tuple[Drive, float]] = {}
     found = {}
     for name in names:
-        params = settings_of(name)
+        params = with_sensors(settings_of(name), log)
         warm_up(params, 1)
         own = params.model_dump_json(exclude={"filter", "refinement"})
         if own not in folded:

@@ -9,6 +9,8 @@ import pytest
 from bench import ablation, calibration, cycle, kernels, odometry, recordings, scale
 from bench.benchmark import Bench, Crew, Record, Row
 from bench.recordings import WIDTHS
+from server.formats.logs import read_log
+from tests.server.logs import write_room_log
 
 
 @pytest.fixture(autouse=True)
@@ -83,3 +85,11 @@ def test_kernels(monkeypatch):
         assert_filled(kernels.BENCH, record)
         assert record["ratio"] == pytest.approx(record["ns"] / record["bound_ns"]), name
     assert found["compare a pair"]["n"] <= 3 * 3000
+
+
+def test_the_ablation_hears_a_log_s_own_senses(monkeypatch, tmp_path):
+    path = tmp_path / "room.log"
+    times, truth = write_room_log(path)
+    monkeypatch.setattr(ablation, "five_directions", lambda: (read_log(path), times, truth))
+    found = ablation.run(ablation.FIVE, 0, [ablation.WHOLE, ablation.THESIS_ITSELF, ablation.ODOMETRY])
+    assert found[ablation.WHOLE]["ate"] < 0.5 * found[ablation.ODOMETRY]["ate"]
