@@ -71,8 +71,8 @@ def max_amperes(rider: Rider) -> float:
 
 
 def is_spared(rider: Rider) -> bool:
-    """No motor takes more than its bridge bears."""
-    return max_amperes(rider) <= BRIDGE_AMPERES
+    """No motor takes more than its bridge bears, though they are on."""
+    return max_amperes(rider) <= BRIDGE_AMPERES and not rider.is_off
 
 
 class Hazard(NamedTuple):
@@ -96,11 +96,16 @@ def drive_unarmed(rider: Rider) -> None:
     rider.tell(*DRIVING)
 
 
-def arm_without_gyro(rider: Rider) -> None:
-    """Somebody asks it to arm that has no gyro."""
-    force(GYRO, 0.0)(rider)
-    rider.is_silent = False
-    rider.send(ArmCommand(True))
+def arm_with_gyro_at(volts: float) -> Callable[[Rider], None]:
+    """Somebody asks it to arm whose gyro shows the same for ever."""
+
+    def inflict(rider: Rider) -> None:
+        force(GYRO, volts)(rider)
+        rider.wait(2.0)  # in which it is held still
+        rider.is_silent = False
+        rider.send(ArmCommand(True))
+
+    return inflict
 
 
 def shove(newtons: float) -> Callable[[Rider], None]:
@@ -150,7 +155,9 @@ def overheat(rider: Rider) -> None:
     """Shorted turns in both motors and something in both wheels, until one takes more than its bridge bears."""
     rider.body.shorted = 5.0
     block(0, 1)(rider)
-    while max_amperes(rider) <= BRIDGE_AMPERES and not rider.is_off:
+    while max_amperes(rider) <= BRIDGE_AMPERES:
+        if rider.is_off:
+            raise RuntimeError("the motors went off before they grew warm")
         rider.live(1)
 
 
@@ -206,7 +213,9 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard("a slower fall", "the same", shove(25.0), 25, (("fallen", "fell"),)),
     Hazard("a fall on its back", "the same", shove(-25.0), 25, (("fallen", "fell"),)),
     Hazard("never armed", "no motor runs", drive_unarmed, 0, (("disarmed", "boot"),), measure=ms_on, is_armed=False),
-    Hazard("asked to arm with a dead gyro", "no motor runs", arm_without_gyro, 0, (("disarmed", "boot"),),
+    Hazard("asked to arm with a dead gyro", "no motor runs", arm_with_gyro_at(0.0), 0, (("disarmed", "boot"),),
+           measure=ms_on, is_armed=False),
+    Hazard("asked to arm with a stuck gyro", "the same", arm_with_gyro_at(2.5), 0, (("disarmed", "boot"),),
            measure=ms_on, is_armed=False),
     Hazard("link lost", "400 ms, then slows down and balances", hush, 2500, (("link lost", "link"),), DRIVING,
            until(is_still), is_on=True),
@@ -224,7 +233,11 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard("charger in", "no moves; balances", plug_in, 2500, (("armed", "charger"),), DRIVING, until(is_still),
            is_on=True),
     Hazard("gyro dead", "at an end of the converter for 20 ms", force(GYRO, 0.0), 40, ((FAULT, "sensor"),)),
+    Hazard("gyro at its other end", "the same", force(GYRO, 5.0), 40, ((FAULT, "sensor"),)),
     Hazard("accelerometer dead", "the same", force(ACCELEROMETER, 0.0), 40, ((FAULT, "sensor"),)),
+    Hazard("accelerometer at its other end", "the same", force(ACCELEROMETER, 5.0), 40, ((FAULT, "sensor"),)),
+    Hazard("gyro stuck in the middle", "told by the accelerometer, or as what it does", force(GYRO, 2.5), 4000,
+           ((FAULT, "disagreement"), (FAULT, "lifted"), (FAULT, "stall"), ("fallen", "fell")), DRIVING),
     Hazard("gyro and accelerometer disagree", "0.6 m/s that the wheels do not tell", crook, 400,
            ((FAULT, "disagreement"),)),
 )  # fmt: skip

@@ -54,7 +54,7 @@ def board(
 
     \b
         crunch board serial:/dev/ttyUSB0
-        crunch board serial:/dev/ttyUSB0 --set tilt=5.6 --set tilt_rate=0.7 --store
+        crunch board serial:/dev/ttyUSB0 --set tilt=5.6 --set tilt_rate=0.6 --store
         crunch board tcp://127.0.0.1:9000 --set infrared_ms=400 --set sonar_ms=200 --set odometry_ms=10
         crunch board pty:./crunch.tty --zero-gyro
         crunch board virtual: --get --json --seconds 10

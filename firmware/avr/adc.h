@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #define ADC_CHANNELS 8
+#define ADC_FIRST 2 /* of a sweep; the last are inputs 0 and 1, gyro and accelerometer, which are to be fresh */
 
 /* A result is the sum of `sweeps`, at most 64. */
 void adc_init(uint8_t sweeps);

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "capture.h"
 
+#include "../sensor/sonar_schedule.h"
+
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -10,6 +12,7 @@
 #define TRIGGER_ODD _BV(PB1)
 #define TRIGGER_US 12
 #define COUNTS_PER_US 2
+#define BLANK_COUNTS (SONAR_BLANK_US * COUNTS_PER_US) /* a glitch of the trigger is no echo, and hides none */
 
 static volatile uint16_t echoes[CAPTURE_LINES]; /* Timer1; each written by its interrupt only */
 static volatile uint8_t waiting;                /* set of lines: filled with interrupts off, emptied by interrupts */
@@ -19,7 +22,7 @@ static uint16_t fired;                          /* Timer1 */
 static inline void note(uint8_t line, uint16_t time)
 {
     const uint8_t bit = (uint8_t)(1u << line);
-    if (!(waiting & bit))
+    if (!(waiting & bit) || (uint16_t)(time - fired) < BLANK_COUNTS)
         return;
     waiting &= (uint8_t)~bit;
     echoes[line] = time;

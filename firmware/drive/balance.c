@@ -17,14 +17,15 @@
 #define SOFT_START_DUTY 0.4f
 #define MAX_TURN_DUTY 0.35f   /* turning never takes what balancing needs */
 #define SETTLED_TIME 4.0f     /* s of standing after which what driving left has died away */
+#define BLOCKED_SHARE 0.3f    /* of the wanted speed; slower at its leash's end it has met something */
 #define WANDER 0.04f          /* m that noise alone makes it wander */
 #define TRIM_RATE 0.048f      /* rad/s per m: time constant of 5 s, the loop's slowest own one is 1.2 s */
 #define MAX_TRIM 0.12f        /* rad */
 
 /* Chosen on the linear model of nine bodies, with mass and centre of gravity each as estimated (2.6 kg, 0.135 m above the
- * axle) and 20 % more and less, their duties 1 ms late (tests/firmware/test_gains.py). */
+ * axle) and 20 % more and less, the gyro's filter, and duties 1 to 3 ms late (tests/firmware/test_gains.py). */
 const struct balance_gains BALANCE_GAINS = {
-    .tilt = 5.2f, .tilt_rate = 0.66f, .speed = 2.8f, .position = 1.5f,
+    .tilt = 5.0f, .tilt_rate = 0.55f, .speed = 2.5f, .position = 1.6f,
     .turn_rate = 0.06f, .heading = 0.45f, .feed_turn = 0.10f,
 };
 
@@ -46,6 +47,7 @@ void balance_rest(struct balance *balance)
     balance->ahead = balance->heading_ahead = 0.0f;
     balance->soft_start = 0.0f;
     balance->standing = 0.0f;
+    balance->is_blocked = false;
 }
 
 /* Ahead on its way it may be farther than behind, where something may be in the way. */
@@ -66,12 +68,22 @@ static void follow_wish(struct balance *balance, const struct rolled *rolled, co
         limited(balance->heading_ahead + rolled->angle - balance->wanted_turn * BALANCE_DT, HEADING_LEASH);
 }
 
+/* Whether it drove against something; what leans there, told to stand, is away from its place for no fault of its own. */
+static void notice_block(struct balance *balance, const struct rolled *rolled)
+{
+    const float ahead = magnitude(balance->ahead);
+    if (ahead >= LEASH && magnitude(rolled->speed) < BLOCKED_SHARE * magnitude(balance->wanted_speed))
+        balance->is_blocked = true;
+    else if (ahead < 0.5f * LEASH)
+        balance->is_blocked = false;
+}
+
 /* What stands still but away from its place leans on a wrong zero: of its accelerometer, or of its own weight's place.
  * Only then: against a wall, or while it drives, there are other reasons to be away. */
 static void trim_lean(struct balance *balance, const struct drive_wish *wish)
 {
     const bool is_told_to_stand = wish->speed == 0.0f && wish->turn == 0.0f && balance->wanted_speed == 0.0f;
-    balance->standing = is_told_to_stand ? toward(balance->standing, SETTLED_TIME, BALANCE_DT) : 0.0f;
+    balance->standing = is_told_to_stand && !balance->is_blocked ? toward(balance->standing, SETTLED_TIME, BALANCE_DT) : 0.0f;
     if (balance->standing < SETTLED_TIME)
         return;
     const float away = balance->ahead - limited(balance->ahead, WANDER);
@@ -92,6 +104,7 @@ struct duties balance_step(struct balance *balance, const struct lean *lean, con
 {
     const struct balance_gains *gains = &balance->gains;
     follow_wish(balance, rolled, wish);
+    notice_block(balance, rolled);
     trim_lean(balance, wish);
     /* Fore and aft the sum is positive: to stop rolling forward the wheels first hurry ahead of the body's lean. */
     const float upright = gains->tilt * (lean->tilt + balance->trim) + gains->tilt_rate * lean->rate +

@@ -9,6 +9,8 @@
 #ifndef CRUNCH_DRIVE_BALANCE_H
 #define CRUNCH_DRIVE_BALANCE_H
 
+#include <stdbool.h>
+
 #include "odometry.h"
 
 #define BALANCE_DT 0.005f
@@ -33,6 +35,7 @@ struct balance {
     float heading_ahead; /* actual minus commanded heading, rad */
     float soft_start;   /* 0 to 1: share of the full duty allowed */
     float standing;     /* s since it was told to stand still, up to a few */
+    bool is_blocked;    /* it drove against something, and has not come away */
     float trim;         /* rad added to the lean, learned while standing; survives balance_rest */
 };
 

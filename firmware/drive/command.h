@@ -16,7 +16,7 @@ struct command {
     uint8_t sequence;
 };
 
-/* Judges one good frame at board time `now_ms`; anything wrong makes it COMMAND_REFUSED. */
-struct command command_of_frame(const struct frame *frame, uint16_t now_ms);
+/* Judges one good frame at the board's uptime; anything wrong makes it COMMAND_REFUSED. */
+struct command command_of_frame(const struct frame *frame, uint32_t uptime_ms);
 
 #endif

@@ -99,14 +99,20 @@ static void obey_adjustment(struct drive_loop *loop, const struct adjustment *ad
         learn_level(loop, adjustment);
         return;
     }
+    const bool is_level = adjustment->verb == VERB_BUILT_IN ||
+                          (adjustment->verb == VERB_SET && adjustment->setting == SETTING_LEVEL);
+    if (is_level && supervisor_is_balancing(&loop->supervisor)) { /* it would lurch */
+        adjust_answer(&loop->adjuster, &loop->teller, adjustment, OUTCOME_MOVING, loop->level);
+        return;
+    }
     adjust_obey(&loop->adjuster, &loop->teller, adjustment);
     apply_settings(loop);
 }
 
-static void take_adjustment(struct drive_loop *loop, const struct frame *frame, uint16_t now_ms)
+static void take_adjustment(struct drive_loop *loop, const struct frame *frame)
 {
     struct adjustment adjustment;
-    const enum adjust_judgement judged = adjust_of_frame(frame, SOURCE_DRIVE, now_ms, &adjustment);
+    const enum adjust_judgement judged = adjust_of_frame(frame, SOURCE_DRIVE, loop->teller.uptime_ms, &adjustment);
     if (judged == ADJUST_GOOD)
         obey_adjustment(loop, &adjustment);
     else if (judged == ADJUST_REFUSED)
@@ -118,12 +124,11 @@ enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte)
     struct frame frame;
     if (!frame_decoder_feed(&loop->decoder, byte, &frame))
         return COMMAND_REFUSED;
-    const uint16_t now_ms = (uint16_t)loop->teller.uptime_ms;
     if (frame.channel == CHANNEL_ADJUST) {
-        take_adjustment(loop, &frame, now_ms);
+        take_adjustment(loop, &frame);
         return COMMAND_REFUSED;
     }
-    const struct command command = command_of_frame(&frame, now_ms);
+    const struct command command = command_of_frame(&frame, loop->teller.uptime_ms);
     supervisor_obey(&loop->supervisor, &command);
     return command.kind;
 }
@@ -208,7 +213,7 @@ static struct drive_health health_of(const struct drive_loop *loop, const struct
         .is_rested = is_rested,
         .rail_steps = loop->tilt.rail_steps,
         .accord = agreement_judge(&loop->agreement),
-        .duty = {magnitude(loop->duties.left), magnitude(loop->duties.right)},
+        .duty = {magnitude(loop->wanted.left), magnitude(loop->wanted.right)},
         .wheel_speed = {magnitude(forward - turning), magnitude(forward + turning)},
         .battery_mv = supplies->battery_mv,
         .charger_mv = supplies->charger_mv,
@@ -239,7 +244,8 @@ static void note_ending(struct drive_loop *loop)
 static void motors_off(struct drive_loop *loop)
 {
     balance_rest(&loop->balance);
-    loop->duties.left = loop->duties.right = 0.0f;
+    loop->wanted.left = loop->wanted.right = 0.0f;
+    loop->duties = loop->wanted;
 }
 
 void drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples)
@@ -247,8 +253,10 @@ void drive_loop_step(struct drive_loop *loop, const struct drive_samples *sample
     const bool was_balancing = supervisor_is_balancing(&loop->supervisor);
     tilt_step(&loop->tilt, &samples->inertial);
     const bool is_rested = !was_balancing && tilt_rest(&loop->tilt, &samples->inertial);
-    if (was_balancing)
+    if (was_balancing) {
         loop->tilt.is_rested = false;
+        tilt_zero(&loop->tilt); /* the second of rest begins anew */
+    }
     judge_zeroing(loop);
     const struct rolled rolled =
         odometry_step(&loop->odometry, samples->left_ticks, samples->right_ticks, loop->tilt.rate);
@@ -258,9 +266,9 @@ void drive_loop_step(struct drive_loop *loop, const struct drive_samples *sample
         const struct lean lean = {loop->tilt.angle, loop->tilt.rate};
         const struct drive_wish wish = supervisor_wish(&loop->supervisor);
         const float battery = (float)samples->supplies.battery_mv / 1000.0f;
-        const struct duties wanted = balance_step(&loop->balance, &lean, &rolled, &wish, battery);
-        loop->duties.left = limited(wanted.left, loop->supervisor.ceiling);
-        loop->duties.right = limited(wanted.right, loop->supervisor.ceiling);
+        loop->wanted = balance_step(&loop->balance, &lean, &rolled, &wish, battery);
+        loop->duties.left = limited(loop->wanted.left, loop->supervisor.ceiling);
+        loop->duties.right = limited(loop->wanted.right, loop->supervisor.ceiling);
     } else {
         motors_off(loop);
     }

@@ -36,7 +36,8 @@ struct drive_loop {
     struct adjustment zeroing; /* to be answered when the gyro's zero is learned */
     bool is_zeroing;
     uint16_t zeroing_steps;
-    struct duties duties; /* what the motors are to do until the next step */
+    struct duties wanted; /* by the balance law, */
+    struct duties duties; /* and what of it the motors get until the next step */
 };
 
 /* Motors off, encoders at zero. The outbox must outlive the loop. */

@@ -67,7 +67,7 @@ static void ask_to_arm(struct supervisor *supervisor)
         return; /* asked again: the wait goes on */
     supervisor->state = DRIVE_DISARMED;
     supervisor->is_arm_wanted = true;
-    supervisor->upright_ms = 0;
+    supervisor->upright_ms = supervisor->wanted_ms = 0;
 }
 
 void supervisor_refuse(struct supervisor *supervisor)
@@ -119,7 +119,9 @@ static bool is_within(float tilt, float limit)
 
 static void judge_arming(struct supervisor *supervisor, const struct drive_health *health)
 {
-    const bool may_arm = supervisor->is_arm_wanted && health->is_rested && is_within(health->tilt, SUPERVISOR_ARM_TILT);
+    const bool is_free = supervisor->stays == STOP_NONE && supervisor->ceiling == 1.0f;
+    const bool is_upright = health->is_rested && is_within(health->tilt, SUPERVISOR_ARM_TILT);
+    const bool may_arm = supervisor->is_arm_wanted && is_free && is_upright;
     supervisor->upright_ms = lasting(supervisor->upright_ms, may_arm);
     supervisor->wanted_ms = lasting(supervisor->wanted_ms, supervisor->is_arm_wanted);
     if (supervisor->wanted_ms >= SUPERVISOR_ARM_PATIENCE_MS)
@@ -213,8 +215,9 @@ static void judge_supplies(struct supervisor *supervisor, const struct drive_hea
         supervisor->stays = reason;
         supervisor->stay_ms = 0;
     }
-    const bool is_told = supervisor->stays != STOP_NONE || before != STOP_NONE;
-    if (is_told && supervisor_is_balancing(supervisor))
+    const bool has_ended = before != STOP_NONE && supervisor->reason == before;
+    const bool is_asked = supervisor->state == DRIVE_ARMED || supervisor->is_arm_wanted;
+    if (is_asked && (supervisor->stays != STOP_NONE || has_ended)) /* a lost link keeps its own reason */
         supervisor->reason = supervisor->stays;
 }
 

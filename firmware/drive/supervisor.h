@@ -4,7 +4,8 @@
  *
  * | hazard         | rule                                                                                    |
  * | arming         | asked for, held still for 1 s, then upright within 0.2 rad for 0.4 s; a stop, or 20 s   |
- * |                | of waiting, end the wish; never with a gyro whose zero cannot be (tilt.h)               |
+ * |                | of waiting, end the wish; never with a gyro whose zero cannot be, or that does not even |
+ * |                | shiver (tilt.h), with an empty battery, at the charger, or while a motor is spared      |
  * | fall           | beyond 0.7 rad the motors are off in the same step; latched until armed again. Beyond   |
  * |                | 0.25 rad, too, where the motors are at their limit, or gyro at its own for 50 ms        |
  * | link lost      | 400 ms without a valid command: speed and turn to zero, balancing goes on               |
@@ -39,7 +40,7 @@ struct drive_health { /* what one step of the loop knows */
     bool is_rested;     /* the gyro's zero is known and the body is still */
     uint16_t rail_steps;
     enum accord accord;
-    float duty[2];        /* left and right, magnitudes of the last step, 0 to 1 */
+    float duty[2];        /* left and right, magnitudes that the last step wanted, 0 to 1 */
     float wheel_speed[2]; /* magnitudes against the body, m/s */
     uint16_t battery_mv;
     uint16_t charger_mv;

@@ -85,7 +85,8 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
     tilt->rest_steps++;
     if (tilt->rest_steps == TILT_REST_STEPS) {
         const float zero = tilt->rest_sum / (float)TILT_REST_STEPS;
-        if (tilt->rail_steps > 0 || magnitude(zero) > MAX_ZERO) { /* dead, or stuck: it would seem still */
+        const bool is_stuck = tilt->rest_high == tilt->rest_low || magnitude(zero) > MAX_ZERO;
+        if (tilt->rail_steps > 0 || is_stuck) { /* it would seem still */
             tilt->is_rested = false;
             start_rest(tilt, rate);
             return false;

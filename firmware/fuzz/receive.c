@@ -65,10 +65,11 @@ static bool is_within(float value, float limit)
 
 static void pass_time(struct boards *boards)
 {
-    const struct drive_samples samples = {
-        .inertial = {.gyro = MIDDLE, .accelerometer = MIDDLE}, .supplies = {.battery_mv = 28000},
-    };
     struct drive_loop *drive = &boards->drive;
+    const uint16_t shiver = drive->teller.uptime_ms / STEP_MS % 2; /* one that does not is broken */
+    const struct drive_samples samples = {
+        .inertial = {.gyro = (uint16_t)(MIDDLE + shiver), .accelerometer = MIDDLE}, .supplies = {.battery_mv = 28000},
+    };
     drive->teller.uptime_ms += STEP_MS;
     drive_loop_step(drive, &samples);
     drive_loop_tell(drive, &samples);

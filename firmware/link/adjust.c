@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <string.h>
 
-enum adjust_judgement adjust_of_frame(const struct frame *frame, uint8_t board, uint16_t now_ms,
+enum adjust_judgement adjust_of_frame(const struct frame *frame, uint8_t board, uint32_t uptime_ms,
                                       struct adjustment *adjustment)
 {
     const uint8_t *payload = frame->payload;
@@ -17,7 +17,7 @@ enum adjust_judgement adjust_of_frame(const struct frame *frame, uint8_t board, 
         return ADJUST_REFUSED;
     if (payload[offsetof(struct adjust_payload, board)] != board)
         return ADJUST_ELSEWHERE;
-    if (!seal_is_fresh(seal_get16(payload + offsetof(struct adjust_payload, echo_ms)), now_ms))
+    if (!seal_is_fresh(seal_get16(payload + offsetof(struct adjust_payload, echo_ms)), uptime_ms))
         return ADJUST_REFUSED;
     adjustment->verb = payload[offsetof(struct adjust_payload, verb)];
     adjustment->setting = payload[offsetof(struct adjust_payload, setting)];

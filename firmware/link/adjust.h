@@ -22,8 +22,8 @@ struct adjuster {
     struct adjustment storing; /* to be answered when the record is complete */
 };
 
-/* Judges one good frame at board time `now_ms`: is it an adjustment, and for this board? */
-enum adjust_judgement adjust_of_frame(const struct frame *frame, uint8_t board, uint16_t now_ms,
+/* Judges one good frame at the board's uptime: is it an adjustment, and for this board? */
+enum adjust_judgement adjust_of_frame(const struct frame *frame, uint8_t board, uint32_t uptime_ms,
                                       struct adjustment *adjustment);
 
 /* Does it and answers, at once or, a record, when it is complete. Zeroing is no matter of settings: OUTCOME_UNKNOWN. */

@@ -19,7 +19,8 @@ bool seal_is_intact(const struct frame *frame, uint8_t size)
     return frame->size == size && crc32_of(frame->payload, covered) == seal_get32(frame->payload + covered);
 }
 
-bool seal_is_fresh(uint16_t echo_ms, uint16_t now_ms)
+bool seal_is_fresh(uint16_t echo_ms, uint32_t uptime_ms)
 {
-    return (uint16_t)(now_ms - echo_ms) <= SEAL_MAX_AGE_MS;
+    const uint16_t age_ms = (uint16_t)((uint16_t)uptime_ms - echo_ms);
+    return age_ms <= SEAL_MAX_AGE_MS && age_ms <= uptime_ms;
 }

@@ -16,7 +16,7 @@ uint32_t seal_get32(const uint8_t *bytes);
 /* Whether the payload has this size and its last four bytes are the CRC-32 of those before. */
 bool seal_is_intact(const struct frame *frame, uint8_t size);
 
-/* An echo from the future wraps to a great age. */
-bool seal_is_fresh(uint16_t echo_ms, uint16_t now_ms);
+/* An echo from the future wraps to a great age; one from before the board's start is older than its uptime. */
+bool seal_is_fresh(uint16_t echo_ms, uint32_t uptime_ms);
 
 #endif

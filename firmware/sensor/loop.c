@@ -40,8 +40,8 @@ void sensor_loop_receive(struct sensor_loop *loop, uint8_t byte)
     struct adjustment adjustment;
     if (!frame_decoder_feed(&loop->decoder, byte, &frame))
         return;
-    const uint16_t now_ms = (uint16_t)loop->teller.uptime_ms;
-    const enum adjust_judgement judged = adjust_of_frame(&frame, SOURCE_SENSOR, now_ms, &adjustment);
+    const enum adjust_judgement judged =
+        adjust_of_frame(&frame, SOURCE_SENSOR, loop->teller.uptime_ms, &adjustment);
     if (judged == ADJUST_GOOD) {
         adjust_obey(&loop->adjuster, &loop->teller, &adjustment);
         apply_settings(loop);

@@ -36,6 +36,8 @@
 #define SPIKE 0.03                /* share of readings taken during another sensor's light pulse */
 #define SPIKE_COUNTS 45.0
 
+#define GYRO_PASSED 0.693         /* share of the news in 1 ms: 1 - exp(-2 pi 188 / 1000), for 4.7 nF at its output */
+
 static uint16_t converted(double counts)
 {
     return (uint16_t)fmax(0.0, fmin(ADC_MAX, floor(counts)));
@@ -46,6 +48,7 @@ void inertial_init(struct gyro_and_accelerometer *parts, uint64_t seed)
     noise_init(&parts->noise, seed, 2);
     parts->gyro_zero = ADC_MIDDLE + GYRO_ZERO_SPREAD * noise_normal(&parts->noise);
     parts->gyro_walk = 0.0;
+    parts->gyro_rate = 0.0;
     parts->accelerometer_zero = ADC_MIDDLE + ACCELEROMETER_ZERO_SPREAD * noise_normal(&parts->noise);
 }
 
@@ -55,7 +58,8 @@ void inertial_read(struct gyro_and_accelerometer *parts, const struct body *body
     if (parts->gyro_walk > 0.0)
         parts->gyro_zero += parts->gyro_walk / sqrt(READINGS_PER_SECOND) * noise_normal(&parts->noise);
     const double along = sin(body->tilt) - body->acceleration * cos(body->tilt) / GRAVITY;
-    const double shown = parts->gyro_zero + GYRO_COUNTS * body->tilt_rate + GYRO_NOISE * noise_normal(&parts->noise);
+    parts->gyro_rate += GYRO_PASSED * (body->tilt_rate - parts->gyro_rate);
+    const double shown = parts->gyro_zero + GYRO_COUNTS * parts->gyro_rate + GYRO_NOISE * noise_normal(&parts->noise);
     *gyro = converted(fmax(ADC_MIDDLE - GYRO_SWING, fmin(ADC_MIDDLE + GYRO_SWING, shown)) + 0.5);
     *accelerometer = converted(parts->accelerometer_zero + ACCELEROMETER_COUNTS * along +
                                ACCELEROMETER_NOISE * noise_normal(&parts->noise) + 0.5);

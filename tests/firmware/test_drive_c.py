@@ -1,5 +1,6 @@
 """The drive board's pure C: tilt, agreement, odometry, balance, telemetry."""
 
+import itertools
 import math
 
 import numpy as np
@@ -18,10 +19,13 @@ ACCORD, WHEELS_ALONE, BODY_ALONE = range(3)
 REFUSED, DRIVE, STOP, ARM, DISARM = range(5)
 
 
-def sums(rate=0.0, lean=0.0, zero=512.0):
-    """Five ADC readings' sums for a rate (rad/s) and a lean (rad)."""
-    gyro = 5 * (zero + rate / 0.00681769)
-    return FFI.new("struct inertial_sums *", [round(gyro), round(5 * (512 + math.sin(lean) * 204.8))])
+SHIVER = itertools.cycle((-1, 1))
+
+
+def sums(rate=0.0, lean=0.0, zero=512.0, is_stuck=False):
+    """Five ADC readings' sums for a rate (rad/s) and a lean (rad), of a gyro that shivers as all that work do."""
+    gyro = round(5 * (zero + rate / 0.00681769)) + (0 if is_stuck else next(SHIVER))
+    return FFI.new("struct inertial_sums *", [max(0, min(5115, gyro)), round(5 * (512 + math.sin(lean) * 204.8))])
 
 
 def test_tilt_follows_fast_motion_by_gyro_and_settles_by_gravity():
@@ -47,28 +51,31 @@ def test_tilt_trims_a_wrong_gyro_zero():
 def test_rest_learns_the_gyros_zero_in_a_second_and_motion_starts_it_again():
     tilt = FFI.new("struct tilt *")
     LIB.tilt_init(tilt)
-    still = sums(lean=0.1, zero=520.0)
-    assert not any(LIB.tilt_rest(tilt, still) for _ in range(199))
-    assert LIB.tilt_rest(tilt, still)
+    assert not any(LIB.tilt_rest(tilt, sums(lean=0.1, zero=520.0)) for _ in range(199))
+    assert LIB.tilt_rest(tilt, sums(lean=0.1, zero=520.0))
     assert tilt.gyro_zero == pytest.approx(8 * 0.00681769, rel=0.01)
     assert tilt.angle == pytest.approx(0.1, abs=0.003)
-    assert LIB.tilt_rest(tilt, still)
+    assert LIB.tilt_rest(tilt, sums(lean=0.1, zero=520.0))
     for _ in range(200):  # set up so slowly that no gyro shows it
         assert LIB.tilt_rest(tilt, sums(lean=0.0, zero=520.0))
     assert tilt.angle == pytest.approx(0.0, abs=0.005)
     assert not LIB.tilt_rest(tilt, sums(rate=0.5))
 
 
-@pytest.mark.parametrize("zero", [0.0, 205.0, 819.0, 1023.0])
-def test_a_gyro_that_is_dead_or_stuck_is_never_at_rest(zero):
+@pytest.mark.parametrize(
+    ("zero", "is_stuck"), [(0.0, True), (1023.0, True), (205.0, False), (819.0, False), (512.0, True), (530.0, True)]
+)
+def test_a_gyro_that_is_dead_or_stuck_is_never_at_rest(zero, is_stuck):
     tilt = FFI.new("struct tilt *")
     LIB.tilt_init(tilt)
     for _ in range(1000):
-        LIB.tilt_step(tilt, sums(zero=zero))
-        assert not LIB.tilt_rest(tilt, sums(zero=zero))
+        shown = sums(zero=zero, is_stuck=is_stuck)
+        LIB.tilt_step(tilt, shown)
+        assert not LIB.tilt_rest(tilt, shown)
     for _ in range(400):  # mended
-        LIB.tilt_step(tilt, sums())
-        LIB.tilt_rest(tilt, sums())
+        shown = sums()
+        LIB.tilt_step(tilt, shown)
+        LIB.tilt_rest(tilt, shown)
     assert tilt.is_rested
     assert abs(tilt.gyro_zero) < 0.01
 
@@ -76,19 +83,18 @@ def test_a_gyro_that_is_dead_or_stuck_is_never_at_rest(zero):
 def test_a_builder_levels_a_crooked_accelerometer_at_rest():
     tilt = FFI.new("struct tilt *")
     LIB.tilt_init(tilt)
-    crooked = sums(lean=math.asin(0.1), zero=520.0)
+    crooked = [sums(lean=math.asin(0.1), zero=520.0) for _ in range(200)]
     assert not LIB.tilt_level(tilt)  # not at rest yet
-    for _ in range(200):
-        LIB.tilt_step(tilt, crooked)
-        LIB.tilt_rest(tilt, crooked)
+    for shown in crooked:
+        LIB.tilt_step(tilt, shown)
+        LIB.tilt_rest(tilt, shown)
     assert tilt.angle == pytest.approx(0.1, abs=0.003)
     assert LIB.tilt_level(tilt)
     assert tilt.angle == 0.0
-    assert LIB.tilt_of_gravity(tilt, crooked) == pytest.approx(0.0, abs=1e-3)
+    assert LIB.tilt_of_gravity(tilt, crooked[0]) == pytest.approx(0.0, abs=1e-3)
     assert tilt.accelerometer_zero == pytest.approx(512 + 20.48, abs=0.2)
-    lying = sums(lean=1.3)
     for _ in range(600):
-        LIB.tilt_rest(tilt, lying)
+        LIB.tilt_rest(tilt, sums(lean=1.3))
     assert not LIB.tilt_level(tilt)
     assert tilt.accelerometer_zero == pytest.approx(512 + 20.48, abs=0.2)
 

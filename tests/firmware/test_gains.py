@@ -1,11 +1,14 @@
 """The balance law's gains on a linear model: every body of +-20 % is damped, with the time that the board takes.
 
 The model is firmware/virtual/body.c near upright without friction, walked through one step of the loop in five
-milliseconds: the gyro's mean, the tracking filter of the wheels, the complementary filter, and duties that come late.
+milliseconds: the gyro's filter and its mean, the tracking filter of the wheels, the complementary filter, and duties
+that come late: the board's by 1 ms, of which the simulation sees whole ones, and silicon's by less than 2.
 Its poles are the logarithms of the monodromy's eigenvalues. What is not linear is measured by `crunch bench ride`.
 """
 
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,24 +16,40 @@ import pytest
 from firmware.virtual.native import native
 
 FFI, LIB, _ = native()
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+
+
+def constant(path, name):
+    """A number that a source gives a name, or an initial value."""
+    found = re.search(rf"(?:#define {name} |\.{name} = )([\d.]+)", (FIRMWARE / path).read_text())
+    assert found is not None, f"{path} has no {name}"
+    return float(found[1])
+
+
 MS, STEP_MS = 0.001, 5
-GRAVITY, WHEEL, WHEELS_MASS, STALL_TORQUE, FREE_SPEED = 9.81, 0.0508, 0.30, 1.2, 22.0
-MASS, CENTRE, INERTIA = 2.6, 0.135, 0.025
-FOLLOW_LAG, FOLLOW_SPEED, TIME_CONSTANT = 0.5, 0.09, 3.0
-STATES = 12
+GRAVITY, WHEEL = 9.81, 0.0508
+WHEELS_MASS, STALL_TORQUE, FREE_SPEED, MASS, CENTRE, INERTIA = (
+    constant("virtual/body.c", name)
+    for name in ("WHEELS_MASS", "STALL_TORQUE", "FREE_SPEED", "mass", "centre", "inertia")
+)
+GYRO_PASSED = constant("virtual/sensors.c", "GYRO_PASSED")
+FOLLOW_LAG, FOLLOW_SPEED = (constant("drive/odometry.c", name) for name in ("FOLLOW_LAG", "FOLLOW_SPEED"))
+TIME_CONSTANT = constant("drive/tilt.h", "TILT_TIME_CONSTANT")
+STATES = 13
 BALANCE = FFI.new("struct balance *")
 LIB.balance_init(BALANCE)
 BODIES = list(itertools.product((0.8, 1.0, 1.2), repeat=2))
 
 
 def one_step(state, mass, centre, delay_ms, tilt_rate):
-    """A state (12,) 5 ms later; linear in it."""
+    """A state (13,) 5 ms later; linear in it."""
     gains = BALANCE.gains
-    speed, tilt, rate, ahead, followed, lag, rates, rolled, estimate, gravity, duty, wanted = state
+    speed, tilt, rate, ahead, followed, lag, rates, rolled, estimate, gravity, duty, wanted, gyro = state
     m, arm, inertia = MASS * mass, CENTRE * centre, INERTIA * mass * centre**2
     masses = np.array([[m + 1.5 * WHEELS_MASS, m * arm], [m * arm, inertia + m * arm**2]])
     for ms in range(STEP_MS):
-        rates += rate
+        gyro += GYRO_PASSED * (rate - gyro)
+        rates += gyro
         if ms == STEP_MS - 1:
             mean, rates = rates / STEP_MS, 0.0
             lag += rolled - followed * STEP_MS * MS
@@ -51,7 +70,7 @@ def one_step(state, mass, centre, delay_ms, tilt_rate):
         tilt += rate * MS
         rolled += (speed - WHEEL * rate) * MS
         gravity = tilt - acceleration / GRAVITY
-    return np.array([speed, tilt, rate, ahead, followed, lag, rates, rolled, estimate, gravity, duty, wanted])
+    return np.array([speed, tilt, rate, ahead, followed, lag, rates, rolled, estimate, gravity, duty, wanted, gyro])
 
 
 def poles(mass, centre, delay_ms, tilt_rate=None):
@@ -75,9 +94,12 @@ def test_every_body_is_damped_with_the_board_s_delay(mass, centre):
 
 
 @pytest.mark.parametrize(("mass", "centre"), BODIES)
-def test_twice_the_delay_is_still_stable(mass, centre):
-    assert poles(mass, centre, delay_ms=2).real.max() < 0.0
+@pytest.mark.parametrize(("delay_ms", "margin"), [(2, 10.0), (3, 2.0)])
+def test_later_duties_are_stable_still(mass, centre, delay_ms, margin):
+    found = poles(mass, centre, delay_ms)
+    assert found[found.imag > 100.0].real.max() < -margin
+    assert found.real.max() < 0.0
 
 
-def test_a_third_more_gain_of_the_tilt_rate_shakes_a_light_and_low_body():
+def test_more_gain_of_the_tilt_rate_shakes_a_light_and_low_body():
     assert poles(0.8, 0.8, delay_ms=2, tilt_rate=0.88).real.max() > 10.0

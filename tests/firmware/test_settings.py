@@ -251,7 +251,7 @@ def bench(request):
 
 
 def test_a_gain_is_set_answered_stored_and_there_after_a_reset(bench):
-    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, NONE, 0, pytest.approx(5.2))
+    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, NONE, 0, pytest.approx(5.0))
     assert bench.adjust(DRIVE, SET, TILT, 6.25) == (DONE, NONE, 0, 6.25)
     assert bench.adjust(DRIVE, SET, TILT, math.nan) == (BOUNDS, NONE, 0, 6.25)
     assert bench.adjust(DRIVE, STORE)[:2] == (DONE, SOUND)
@@ -260,7 +260,7 @@ def test_a_gain_is_set_answered_stored_and_there_after_a_reset(bench):
     bench.reset()
     assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SOUND, 1, 6.25)
     assert bench.adjust(DRIVE, BUILT_IN)[:2] == (DONE, SOUND)
-    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SOUND, 0, pytest.approx(5.2))
+    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SOUND, 0, pytest.approx(5.0))
 
 
 def test_a_spoiled_record_is_told_and_the_built_in_settings_are_in_force(bench):
@@ -269,7 +269,7 @@ def test_a_spoiled_record_is_told_and_the_built_in_settings_are_in_force(bench):
         assert bench.adjust(board, STORE).record == SOUND
         bench.spoil(board, 1 + 4 * setting + 2)
     bench.reset()
-    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SPOILED, 0, pytest.approx(5.2))
+    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SPOILED, 0, pytest.approx(5.0))
     assert bench.adjust(SENSOR, ASK, SONAR_MS) == (DONE, SPOILED, 0, 80.0)
 
 
@@ -277,7 +277,7 @@ def test_a_reset_amid_a_record_is_told_as_a_spoiled_one(bench):
     assert bench.adjust(DRIVE, SET, TILT, 6.25).outcome == DONE
     assert bench.wait_for(bench.ask(DRIVE, STORE), 0.2) is None  # under way
     bench.reset()
-    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SPOILED, 0, pytest.approx(5.2))
+    assert bench.adjust(DRIVE, ASK, TILT) == (DONE, SPOILED, 0, pytest.approx(5.0))
 
 
 def test_the_gyro_is_zeroed_at_rest_and_not_while_balancing(bench):
@@ -326,7 +326,7 @@ def test_the_other_board_s_settings_and_stale_ones_are_left_alone(bench):
     assert bench.adjust(SENSOR, SET, TILT, 6.0).outcome == UNKNOWN
     bench.robot.write(adjust_command(DRIVE, SET, TILT, 6.0, newest_time(bench.said) - 2000, 77))
     bench.wait(0.5)
-    assert bench.adjust(DRIVE, ASK, TILT).value == pytest.approx(5.2)
+    assert bench.adjust(DRIVE, ASK, TILT).value == pytest.approx(5.0)
 
 
 def test_a_record_under_way_holds_up_no_step_of_a_real_board_that_balances():

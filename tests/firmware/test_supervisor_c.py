@@ -56,7 +56,8 @@ def test_only_whole_fresh_commands_of_the_host_are_obeyed():
     assert judge(command_frame(16, (300, 0, 4000), "<hhH")) == DRIVE
     assert judge(command_frame(16, (300, 0, 3999), "<hhH")) == REFUSED  # older than a second
     assert judge(command_frame(16, (300, 0, 5001), "<hhH")) == REFUSED  # from the future
-    assert judge(command_frame(16, (300, 0, 65500), "<hhH"), now=100) == DRIVE  # across the clock's wrap
+    assert judge(command_frame(16, (300, 0, 65500), "<hhH"), now=65536 + 100) == DRIVE  # across the clock's wrap
+    assert judge(command_frame(16, (300, 0, 65500), "<hhH"), now=100) == REFUSED  # from before the board's start
     assert judge(command_frame(16, (300, 0, 4900), "<hhH", spoil=b"x")) == REFUSED
     assert judge(command_frame(16, (300, 0, 4900), "<hhH", source=1)) == REFUSED
     assert judge(command_frame(16, (300, 4900), "<hH")) == REFUSED  # too short
@@ -103,6 +104,40 @@ def test_a_stop_or_time_ends_the_wish_to_be_armed():
     assert not steps(asked, 400)
     obey(asked, ARM)
     assert steps(asked, 80)
+
+
+def test_every_wish_has_its_own_patience():
+    made = supervisor()
+    for _ in range(20):  # 0.4 s of upright, and a second of rest before: 28 s of wishes in all
+        obey(made, ARM)
+        assert not steps(made, 200, is_rested=False)
+        assert steps(made, 80)
+        assert not steps(made, 1, tilt=0.8)
+
+
+@pytest.mark.parametrize(
+    "values", [{"charger_mv": 6000}, {"battery_mv": 23000}, {"motor_ma": 4000}], ids=["charger", "battery", "motor"]
+)
+def test_none_is_armed_that_could_not_drive(values):
+    made = supervisor()
+    steps(made, 60, **values)
+    obey(made, ARM)
+    assert not steps(made, 200, **values)
+    if "motor_ma" not in values:
+        assert made.reason in (CHARGER, BATTERY)
+    assert not steps(made, 100, battery_mv=29000)
+    assert steps(made, 300)
+
+
+def test_a_lost_link_keeps_its_reason_on_an_empty_battery():
+    made = supervisor(ARMED)
+    steps(made, 100, battery_mv=23000)
+    assert (made.state, made.reason) == (LINK_LOST, LINK)
+    steps(made, 100)
+    assert (made.state, made.reason) == (LINK_LOST, LINK)
+    obey(made, DRIVE, 0.1)
+    steps(made, 60, battery_mv=23000)
+    assert (made.state, made.reason) == (ARMED, BATTERY)
 
 
 def test_a_stop_leaves_the_reason_of_what_lies():

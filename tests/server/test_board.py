@@ -160,7 +160,7 @@ def test_over_tcp_a_stored_gain_outlives_a_reset_and_a_spoiled_one_is_told(capsy
     robot.reset_boards()
     with served(robot) as link:
         told = board_json(capsys, link, "--get")
-        assert told["settings"]["drive"]["tilt"] == {"value": 5.2, "stored": False}
+        assert told["settings"]["drive"]["tilt"] == {"value": 5.0, "stored": False}
         assert "BUILT-IN settings: the stored ones are spoiled" in told["boards"]["drive"]["settings"]
         assert told["boards"]["sensor"]["settings"] == "stored settings"
 

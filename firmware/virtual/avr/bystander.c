@@ -71,7 +71,7 @@ void bystander_ask(struct bystander *bystander, uint64_t now_ms, uint8_t byte)
     struct frame frame;
     if (!frame_decoder_feed(&bystander->asked, byte, &frame))
         return;
-    const struct command command = command_of_frame(&frame, board_ms(bystander, now_ms));
+    const struct command command = command_of_frame(&frame, (uint32_t)(now_ms - bystander->boot_ms));
     bystander->drives_accepted += command.kind == COMMAND_DRIVE;
     bystander->stops_accepted += command.kind == COMMAND_STOP || command.kind == COMMAND_DISARM;
     bystander->arms_accepted += command.kind == COMMAND_ARM;

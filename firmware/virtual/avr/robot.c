@@ -11,6 +11,7 @@
 #define SENSOR_LAG ((uint64_t)SENSOR_BOOT_MS * MS_CYCLES)
 #define SENSOR_FAST_PPM 100u    /* by so much its crystal is faster: in 10 s the boards' ticks meet in every phase */
 #define MILLION 1000000u
+#define FIRST_INPUT 2           /* of a sweep (avr/adc.h) */
 #define INFRARED_SWEEPS 3       /* readings of one measurement of a GP2D12 */
 #define COUNT_VOLTS (5.0 / 1023.0)
 #define DIVIDER 8.0
@@ -93,7 +94,7 @@ static struct place place_of(const struct avr_robot *robot)
 static void on_sensor_convert(void *owner, int channel)
 {
     struct avr_robot *robot = owner;
-    if (channel == 0 && robot->infrared_sweeps++ % INFRARED_SWEEPS == 0) {
+    if (channel == FIRST_INPUT && robot->infrared_sweeps++ % INFRARED_SWEEPS == 0) {
         const struct place place = place_of(robot);
         infrared_look(&robot->rangefinders, &place, robot->infrared_distances);
     }
