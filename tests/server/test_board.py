@@ -264,7 +264,7 @@ def test_boards_that_differ_in_a_stream_are_told_of(theirs, is_told):
         "drive": {"sonar_ms": {"value": 80.0, "stored": True}, "tilt": {"value": 5.2, "stored": True}},
         "sensor": {"sonar_ms": {"value": theirs, "stored": True}},
     }
-    console = Console(file=io.StringIO(), width=100)
-    console.print(settings_table(settings))
-    said = " ".join(console.file.getvalue().split())
+    screen = io.StringIO()
+    Console(file=screen, width=100).print(settings_table(settings))
+    said = " ".join(screen.getvalue().split())
     assert ("the boards differ in sonar_ms: set it again" in said) == is_told
