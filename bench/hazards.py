@@ -144,11 +144,15 @@ def lift(rider: Rider) -> None:
         rider.live(1)
 
 
-def weaken(rider: Rider) -> None:
-    """A bad contact takes half of the motors' voltage, up to when a motor is given all there is."""
-    rider.body.contact = 0.5
-    while max(map(abs, rider.robot.duties)) < FULL_DUTY and not rider.is_off:
-        rider.live(1)
+def weaken(share: float) -> Callable[[Rider], None]:
+    """A bad contact leaves a share of the motors' voltage, up to when a motor is given all there is."""
+
+    def inflict(rider: Rider) -> None:
+        rider.body.contact = share
+        while max(map(abs, rider.robot.duties)) < FULL_DUTY and not rider.is_off:
+            rider.live(1)
+
+    return inflict
 
 
 def overheat(rider: Rider) -> None:
@@ -203,9 +207,9 @@ HAZARDS: tuple[Hazard, ...] = (
            reset_causes=(WATCHDOG,)),
     Hazard("hang, interrupts go on", "the same", hang(False), 140, (("disarmed", "watchdog"),), DRIVING,
            until(is_reset), reset_causes=(WATCHDOG,)),
-    Hazard("no converter", "the same", lose(ADCSRA, ADIE), 145, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
+    Hazard("no converter", "the same", lose(ADCSRA, ADIE), 140, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
            reset_causes=(WATCHDOG,)),
-    Hazard("no clock", "the same", lose(TIMSK, OCIE2), 145, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
+    Hazard("no clock", "the same", lose(TIMSK, OCIE2), 140, (("disarmed", "watchdog"),), DRIVING, until(is_reset),
            reset_causes=(WATCHDOG,)),
     Hazard("both boards reset in flight", "off at once; disarmed", brown_out, 5, (("disarmed", "boot"),), DRIVING,
            until(is_reset), reset_causes=(BROWN_OUT, BROWN_OUT)),
@@ -219,7 +223,9 @@ HAZARDS: tuple[Hazard, ...] = (
            measure=ms_on, is_armed=False),
     Hazard("link lost", "400 ms, then slows down and balances", hush, 2500, (("link lost", "link"),), DRIVING,
            until(is_still), is_on=True),
-    Hazard("stall", "duty above 0.95 for 0.4 s", weaken, 600, ((FAULT, "stall"),), DRIVING),
+    Hazard("stall", "duty above 0.95 for 0.4 s", weaken(0.5), 600, ((FAULT, "stall"),), DRIVING),
+    Hazard("stall that ends as a fall", "the same, leaning beyond 0.25 rad", weaken(0.45), 600, (("fallen", "fell"),),
+           DRIVING),
     Hazard("blocked wheel", "duty above 0.3 on a still wheel for 0.4 s", block(0), 700, ((FAULT, "blocked"),), DRIVING),
     Hazard("both wheels blocked", "the same, or it falls first", block(0, 1), 700,
            ((FAULT, "blocked"), ("fallen", "fell")), DRIVING),
@@ -236,8 +242,8 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard("gyro at its other end", "the same", force(GYRO, 5.0), 40, ((FAULT, "sensor"),)),
     Hazard("accelerometer dead", "the same", force(ACCELEROMETER, 0.0), 40, ((FAULT, "sensor"),)),
     Hazard("accelerometer at its other end", "the same", force(ACCELEROMETER, 5.0), 40, ((FAULT, "sensor"),)),
-    Hazard("gyro stuck in the middle", "told by the accelerometer, or as what it does", force(GYRO, 2.5), 4000,
-           ((FAULT, "disagreement"), (FAULT, "lifted"), (FAULT, "stall"), ("fallen", "fell")), DRIVING),
+    Hazard("gyro stuck in the middle", "0.6 m/s that the wheels do not tell", force(GYRO, 2.5), 1000,
+           ((FAULT, "disagreement"),), DRIVING),
     Hazard("gyro and accelerometer disagree", "0.6 m/s that the wheels do not tell", crook, 400,
            ((FAULT, "disagreement"),)),
 )  # fmt: skip

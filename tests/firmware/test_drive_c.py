@@ -11,14 +11,8 @@ from hypothesis import strategies as st
 from firmware.virtual.native import native
 
 FFI, LIB, _ = native()
-DISARMED, ARMED, FALLEN, LINK_LOST, FAULT = range(5)
-COMMAND, FELL, LINK, STALL, CURRENT, BATTERY, SENSOR, CHARGER, BOOT, BLOCKED, LIFTED, DISAGREEMENT, WATCHDOG = range(
-    1, 14
-)
+ARMED, LINK_LOST = 1, 3
 ACCORD, WHEELS_ALONE, BODY_ALONE = range(3)
-REFUSED, DRIVE, STOP, ARM, DISARM = range(5)
-
-
 SHIVER = itertools.cycle((-1, 1))
 
 

@@ -16,9 +16,9 @@ void bystander_init(struct bystander *bystander)
     frame_decoder_init(&bystander->asked);
 }
 
-static uint16_t board_ms(const struct bystander *bystander, uint64_t now_ms)
+static uint32_t board_ms(const struct bystander *bystander, uint64_t now_ms)
 {
-    return (uint16_t)(now_ms - bystander->boot_ms);
+    return (uint32_t)(now_ms - bystander->boot_ms);
 }
 
 void bystander_note(struct bystander *bystander, uint64_t now_ms, const struct place *place)
@@ -71,7 +71,7 @@ void bystander_ask(struct bystander *bystander, uint64_t now_ms, uint8_t byte)
     struct frame frame;
     if (!frame_decoder_feed(&bystander->asked, byte, &frame))
         return;
-    const struct command command = command_of_frame(&frame, (uint32_t)(now_ms - bystander->boot_ms));
+    const struct command command = command_of_frame(&frame, board_ms(bystander, now_ms));
     bystander->drives_accepted += command.kind == COMMAND_DRIVE;
     bystander->stops_accepted += command.kind == COMMAND_STOP || command.kind == COMMAND_DISARM;
     bystander->arms_accepted += command.kind == COMMAND_ARM;
@@ -92,7 +92,7 @@ static int16_t thousandths(double value)
 
 uint8_t bystander_drive(const struct bystander *bystander, double speed, double turn, uint64_t now_ms, uint8_t *out)
 {
-    const uint16_t echo_ms = board_ms(bystander, now_ms);
+    const uint16_t echo_ms = (uint16_t)board_ms(bystander, now_ms);
     struct drive_payload payload = {.speed = thousandths(speed), .turn = thousandths(turn), .echo_ms = echo_ms};
     payload.check = crc32_of((const uint8_t *)&payload, sizeof payload - sizeof payload.check);
     return command(bystander, CHANNEL_DRIVE, &payload, sizeof payload, echo_ms, out);
@@ -100,7 +100,7 @@ uint8_t bystander_drive(const struct bystander *bystander, double speed, double 
 
 uint8_t bystander_arm(const struct bystander *bystander, uint64_t now_ms, uint8_t *out)
 {
-    const uint16_t echo_ms = board_ms(bystander, now_ms);
+    const uint16_t echo_ms = (uint16_t)board_ms(bystander, now_ms);
     struct arm_payload payload = {.arm = 1, .echo_ms = echo_ms};
     payload.check = crc32_of((const uint8_t *)&payload, sizeof payload - sizeof payload.check);
     return command(bystander, CHANNEL_ARM, &payload, sizeof payload, echo_ms, out);
