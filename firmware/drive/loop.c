@@ -186,6 +186,7 @@ uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *sam
 {
     const struct supervisor *supervisor = &loop->supervisor;
     const uint8_t due = telemetry_step(&loop->telemetry, supervisor->state);
+    judge_zeroing(loop);
     if (due & TELEMETRY_ODOMETRY)
         tell_odometry(loop, samples);
     if (due & TELEMETRY_BALANCE)
@@ -193,9 +194,9 @@ uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *sam
     if (due & TELEMETRY_POWER)
         tell_power(loop, &samples->supplies);
     if (due & TELEMETRY_STATUS)
-        teller_tell_status(&loop->teller, supervisor->state, supervisor->reason,
-                           (uint16_t)(loop->decoder.rejected + supervisor->refused));
-    if (due & TELEMETRY_STATUS && loop->teller.boot.ending.uptime_ms > 0)
+        teller_tell_status(&loop->teller, supervisor->state, supervisor->reason, loop->decoder.rejected,
+                           supervisor->refused);
+    if (due & TELEMETRY_LAST_WORDS && loop->teller.boot.ending.uptime_ms > 0)
         tell_last_words(loop);
     return due;
 }
@@ -257,7 +258,6 @@ void drive_loop_step(struct drive_loop *loop, const struct drive_samples *sample
         loop->tilt.is_rested = false;
         tilt_zero(&loop->tilt); /* the second of rest begins anew */
     }
-    judge_zeroing(loop);
     const struct rolled rolled =
         odometry_step(&loop->odometry, samples->left_ticks, samples->right_ticks, loop->tilt.rate);
     compare(loop, &rolled);
@@ -265,7 +265,7 @@ void drive_loop_step(struct drive_loop *loop, const struct drive_samples *sample
     if (supervisor_step(&loop->supervisor, &health)) {
         const struct lean lean = {loop->tilt.angle, loop->tilt.rate};
         const struct drive_wish wish = supervisor_wish(&loop->supervisor);
-        const float battery = (float)samples->supplies.battery_mv / 1000.0f;
+        const float battery = (float)samples->supplies.battery_mv * 0.001f;
         loop->wanted = balance_step(&loop->balance, &lean, &rolled, &wish, battery);
         loop->duties.left = limited(loop->wanted.left, loop->supervisor.ceiling);
         loop->duties.right = limited(loop->wanted.right, loop->supervisor.ceiling);

@@ -9,9 +9,10 @@
 #define MIDDLE ((int16_t)(TILT_OVERSAMPLING * 512))
 #define HIGHEST ((int16_t)(TILT_OVERSAMPLING * 1023))
 
-/* 12.5 mV per deg/s at 5000 / 1024 mV a count, five times, are 12.8 a deg/s: 64 / 655 of 131. */
-#define RATE_UP 64
-#define RATE_DOWN 655
+/* 12.5 mV per deg/s at 5000 / 1024 mV a count, five times, are 12.8 a deg/s: 64 / 655 of 131, to 1e-4. A division that
+ * is a shift: another would take 700 cycles. */
+#define RATE_UP 6404
+#define RATE_DOWN 65536L
 /* 1 V per g at the same are 1024 a g: a sixteenth of 16,384. */
 #define ALONG_DOWN 16
 

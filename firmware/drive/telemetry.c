@@ -7,6 +7,7 @@
 #define BALANCE_AT 105 /* of its period, where that is longer */
 #define POWER_AT 255
 #define STATUS_AT 755
+#define LAST_WORDS_AT 855 /* not with the status: each takes its time to encode */
 
 void telemetry_init(struct telemetry *telemetry)
 {
@@ -28,6 +29,8 @@ uint8_t telemetry_step(struct telemetry *telemetry, uint8_t state)
         due |= TELEMETRY_POWER;
     if (phase % SECOND_MS == STATUS_AT)
         due |= TELEMETRY_STATUS;
+    if (phase % SECOND_MS == LAST_WORDS_AT)
+        due |= TELEMETRY_LAST_WORDS;
     telemetry->state = state;
     telemetry->phase_ms = (uint16_t)((phase + TELEMETRY_STEP_MS) % STREAMS_CYCLE_MS);
     return due;

@@ -5,15 +5,18 @@
 
 #define TRIM_TIME 30.0f      /* s; how slowly the gyro's zero follows */
 #define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
-#define STILL_SPREAD 0.05f   /* rad/s between extremes: one ADC count is 0.0068 */
+#define STILL_SPREAD 0.05f   /* rad/s between extremes of the smoothed rate: one ADC count is 0.0068 */
+#define STILL_TIME 0.1f      /* s of smoothing: a hand trembles, and the gyro hisses, by as much as STILL_SPREAD and more */
+#define SETTLING_STEPS 20    /* of a rest, until what is smoothed has forgotten its first, raw reading */
 #define MAX_ZERO 0.36f       /* rad/s: the gyro's 0.2 V are 0.28, the MPU-6050's 20 deg/s 0.35 */
 #define MAX_LEVEL 41.0f      /* counts from the middle, 0.2 g: a part beyond it is broken, or held askew */
+#define ONE_READING (1.0f / (float)TILT_OVERSAMPLING) /* of a sum; divisions take thrice as long */
 #define RAIL_LOW (4u * TILT_OVERSAMPLING)
 #define RAIL_HIGH (1019u * TILT_OVERSAMPLING)
 
 static float raw_rate(const struct inertial_sums *sums)
 {
-    return ((float)sums->gyro / (float)TILT_OVERSAMPLING - TILT_ZERO_COUNTS) * TILT_GYRO_RAD_PER_COUNT;
+    return ((float)sums->gyro * ONE_READING - TILT_ZERO_COUNTS) * TILT_GYRO_RAD_PER_COUNT;
 }
 
 static bool is_at_rail(uint16_t sum)
@@ -25,8 +28,9 @@ static void start_rest(struct tilt *tilt, float rate)
 {
     tilt->rest_sum = tilt->level_sum = 0.0f;
     tilt->rest_steps = 0;
-    tilt->rest_low = rate;
-    tilt->rest_high = rate;
+    if (!tilt->is_rested)
+        tilt->rest_rate = rate;
+    tilt->rest_low = tilt->rest_high = tilt->rest_rate;
 }
 
 void tilt_init(struct tilt *tilt)
@@ -39,12 +43,12 @@ void tilt_init(struct tilt *tilt)
     tilt->time_constant = TILT_TIME_CONSTANT;
     tilt->rail_steps = 0;
     tilt->is_rested = false;
-    start_rest(tilt, 0.0f);
+    tilt->rest_steps = 0;
 }
 
 static float accelerometer_counts(const struct inertial_sums *sums)
 {
-    return (float)sums->accelerometer / (float)TILT_OVERSAMPLING;
+    return (float)sums->accelerometer * ONE_READING;
 }
 
 float tilt_of_gravity(const struct tilt *tilt, const struct inertial_sums *sums)
@@ -60,9 +64,9 @@ void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)
 {
     tilt->rate = raw_rate(sums) - tilt->gyro_zero;
     tilt->gravity = tilt_of_gravity(tilt, sums); /* once per step: it takes long */
-    const float disagreement = tilt->gravity - tilt->angle;
-    tilt->angle += (tilt->rate + disagreement / tilt->time_constant) * TILT_DT;
-    tilt->gyro_zero -= disagreement * (TILT_DT / (tilt->time_constant * TRIM_TIME));
+    const float pull = (tilt->gravity - tilt->angle) / tilt->time_constant; /* rad/s */
+    tilt->angle += (tilt->rate + pull) * TILT_DT;
+    tilt->gyro_zero -= pull * (TILT_DT / TRIM_TIME);
     if (!is_at_rail(sums->gyro) && !is_at_rail(sums->accelerometer))
         tilt->rail_steps = 0;
     else if (tilt->rail_steps < UINT16_MAX)
@@ -72,10 +76,15 @@ void tilt_step(struct tilt *tilt, const struct inertial_sums *sums)
 bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
 {
     const float rate = raw_rate(sums);
-    if (rate < tilt->rest_low)
-        tilt->rest_low = rate;
-    if (rate > tilt->rest_high)
-        tilt->rest_high = rate;
+    if (tilt->rest_steps == 0)
+        start_rest(tilt, rate);
+    tilt->rest_rate += (rate - tilt->rest_rate) * (TILT_DT / STILL_TIME);
+    if (!tilt->is_rested && tilt->rest_steps < SETTLING_STEPS)
+        tilt->rest_low = tilt->rest_high = tilt->rest_rate;
+    if (tilt->rest_rate < tilt->rest_low)
+        tilt->rest_low = tilt->rest_rate;
+    if (tilt->rest_rate > tilt->rest_high)
+        tilt->rest_high = tilt->rest_rate;
     if (tilt->rest_high - tilt->rest_low > STILL_SPREAD) {
         tilt->is_rested = false;
         start_rest(tilt, rate);
@@ -86,9 +95,9 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
     if (tilt->rest_steps == TILT_REST_STEPS) {
         const float zero = tilt->rest_sum / (float)TILT_REST_STEPS;
         const bool is_stuck = tilt->rest_high == tilt->rest_low || magnitude(zero) > MAX_ZERO;
+        tilt->rest_steps = 0; /* and learn on, second by second */
         if (tilt->rail_steps > 0 || is_stuck) { /* it would seem still */
             tilt->is_rested = false;
-            start_rest(tilt, rate);
             return false;
         }
         tilt->gyro_zero = zero;
@@ -96,7 +105,6 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
             tilt->angle = tilt_of_gravity(tilt, sums);
         tilt->level = tilt->level_sum / (float)TILT_REST_STEPS;
         tilt->is_rested = true;
-        start_rest(tilt, rate); /* and learn on, second by second */
     }
     if (tilt->is_rested) /* a still body leans as gravity says, however it came there */
         tilt->angle += (tilt_of_gravity(tilt, sums) - tilt->angle) * (TILT_DT / REST_TIME_CONSTANT);
@@ -115,5 +123,5 @@ bool tilt_level(struct tilt *tilt)
 
 void tilt_zero(struct tilt *tilt)
 {
-    start_rest(tilt, tilt->rate + tilt->gyro_zero);
+    tilt->rest_steps = 0;
 }

@@ -40,7 +40,8 @@ struct tilt {
     float level_sum;     /* and of the accelerometer's counts, */
     uint16_t rest_steps; /* over so many steps; a motion begins them anew */
     float level;         /* the accelerometer's counts in the last whole second of rest */
-    float rest_low;      /* extremes of the raw rate in this rest */
+    float rest_rate;     /* the raw rate, smoothed, */
+    float rest_low;      /* and its extremes in this rest */
     float rest_high;
     bool is_rested;      /* the zero is learned, and the body has been still since */
     uint16_t rail_steps; /* steps in a row with a sensor at an end of its range */

@@ -22,7 +22,7 @@ void teller_tell(struct teller *teller, uint8_t channel, uint32_t time_ms, const
         teller->sequence++;
 }
 
-void teller_tell_status(struct teller *teller, uint8_t state, uint8_t reason, uint16_t rx_errors)
+void teller_tell_status(struct teller *teller, uint8_t state, uint8_t reason, uint16_t rejected, uint16_t refused)
 {
     const struct status_payload payload = {
         .version = LINK_PROTOCOL_VERSION,
@@ -32,7 +32,7 @@ void teller_tell_status(struct teller *teller, uint8_t state, uint8_t reason, ui
         .uptime_ms = teller->uptime_ms,
         .boot_count = teller->boot.count,
         .worst_loop_us = teller->worst_loop_us,
-        .rx_errors = rx_errors,
+        .rx_errors = refused > UINT16_MAX - rejected ? UINT16_MAX : (uint16_t)(rejected + refused),
         .build = teller->boot.build,
     };
     teller_tell(teller, CHANNEL_STATUS, teller->uptime_ms, &payload, sizeof payload);

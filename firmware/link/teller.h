@@ -37,6 +37,7 @@ void teller_init(struct teller *teller, uint8_t source, const struct boot *boot,
 /* One frame, sampled at `time_ms`; a frame that finds no room leaves no gap in the sequence. */
 void teller_tell(struct teller *teller, uint8_t channel, uint32_t time_ms, const void *payload, uint8_t size);
 
-void teller_tell_status(struct teller *teller, uint8_t state, uint8_t reason, uint16_t rx_errors);
+/* What was heard and is no frame, and commands that were refused, are told as one number that stays at its maximum. */
+void teller_tell_status(struct teller *teller, uint8_t state, uint8_t reason, uint16_t rejected, uint16_t refused);
 
 #endif

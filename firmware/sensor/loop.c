@@ -62,8 +62,7 @@ struct sensor_work sensor_loop_tick(struct sensor_loop *loop)
     if (is_done)
         teller_tell(&loop->teller, CHANNEL_SONAR, sweep_ms, &sweep, sizeof sweep);
     if (now_ms % STATUS_MS == STATUS_AT)
-        teller_tell_status(&loop->teller, 0, STOP_BOOT,
-                           (uint16_t)(loop->decoder.rejected + loop->refused));
+        teller_tell_status(&loop->teller, 0, STOP_BOOT, loop->decoder.rejected, loop->refused);
     return work;
 }
 

@@ -16,6 +16,10 @@
 #define JAM_STIFFNESS 300.0  /* N m/rad of what blocks a wheel */
 #define JAM_DAMPING 1.0      /* N m s/rad */
 #define DECK_HEIGHT 0.10     /* m above the axle where walls and hands touch */
+#define TREMBLE 0.0005       /* rad that a hand trembles, at 9 Hz, */
+#define TREMBLING 56.5
+#define SWAY 0.003           /* and sways, in 3 s */
+#define SWAYING 2.1
 #define LYING_TILT 1.35      /* rad: the body rests on the floor */
 #define WALL_STIFFNESS 3000.0 /* N/m */
 #define WALL_DAMPING 40.0    /* N s/m */
@@ -171,9 +175,13 @@ static void lie_on_floor(struct body *body)
     body->turn_rate *= 0.98;
 }
 
+/* A hand is never quite still: it trembles and it sways. */
 static void stand_held(struct body *body)
 {
-    body->tilt = body->tilt_rate = body->speed = body->turn_rate = body->acceleration = 0.0;
+    body->held += BODY_DT;
+    body->tilt = TREMBLE * sin(TREMBLING * body->held) + SWAY * sin(SWAYING * body->held);
+    body->tilt_rate = TREMBLE * TREMBLING * cos(TREMBLING * body->held) + SWAY * SWAYING * cos(SWAYING * body->held);
+    body->speed = body->turn_rate = body->acceleration = 0.0;
     body->wheel_rates[0] = body->wheel_rates[1] = 0.0;
     body->motor_amperes[0] = body->motor_amperes[1] = 0.0;
     battery_drain(&body->battery, ELECTRONICS, BODY_DT);

@@ -60,7 +60,8 @@ struct body {
     double push;                  /* N forward; a test's or a person's hand, */
     double push_height;           /* m above the axle; the decks' unless changed */
     double clearance;             /* m that it may still move before walls must be looked for */
-    bool is_held;                 /* a hand keeps it upright and in its place */
+    bool is_held;                 /* a hand keeps it upright and in its place, */
+    double held;                  /* for so long, s */
     bool is_lifted;               /* a hand keeps it in the air, as it leaned */
     bool is_blocked[2];           /* something holds a wheel to the body, */
     double jam[2];                /* rad at which it does */

@@ -8,7 +8,8 @@
 #define ADC_MIDDLE 512.0
 #define GYRO_COUNTS 146.6773      /* per rad/s: 12.5 mV per deg/s at 4.88 mV per count */
 #define ACCELEROMETER_COUNTS 204.8 /* per g */
-#define GYRO_NOISE 1.0            /* counts: sensor, supply and converter together */
+#define GYRO_NOISE 2.86           /* counts before its filter: 0.05 deg/s in each root hertz, up to 500 Hz */
+#define CONVERTER_NOISE 0.5       /* counts of supply and converter, behind it */
 #define ACCELEROMETER_NOISE 1.5
 #define GYRO_SWING 460.0         /* counts from the middle that an ADXRS150 can show: 0.25 V from its supply's ends */
 #define GYRO_ZERO_SPREAD 10.0     /* counts from part to part */
@@ -48,7 +49,7 @@ void inertial_init(struct gyro_and_accelerometer *parts, uint64_t seed)
     noise_init(&parts->noise, seed, 2);
     parts->gyro_zero = ADC_MIDDLE + GYRO_ZERO_SPREAD * noise_normal(&parts->noise);
     parts->gyro_walk = 0.0;
-    parts->gyro_rate = 0.0;
+    parts->gyro_shown = 0.0;
     parts->accelerometer_zero = ADC_MIDDLE + ACCELEROMETER_ZERO_SPREAD * noise_normal(&parts->noise);
 }
 
@@ -58,8 +59,9 @@ void inertial_read(struct gyro_and_accelerometer *parts, const struct body *body
     if (parts->gyro_walk > 0.0)
         parts->gyro_zero += parts->gyro_walk / sqrt(READINGS_PER_SECOND) * noise_normal(&parts->noise);
     const double along = sin(body->tilt) - body->acceleration * cos(body->tilt) / GRAVITY;
-    parts->gyro_rate += GYRO_PASSED * (body->tilt_rate - parts->gyro_rate);
-    const double shown = parts->gyro_zero + GYRO_COUNTS * parts->gyro_rate + GYRO_NOISE * noise_normal(&parts->noise);
+    const double hissing = GYRO_COUNTS * body->tilt_rate + GYRO_NOISE * noise_normal(&parts->noise);
+    parts->gyro_shown += GYRO_PASSED * (hissing - parts->gyro_shown);
+    const double shown = parts->gyro_zero + parts->gyro_shown + CONVERTER_NOISE * noise_normal(&parts->noise);
     *gyro = converted(fmax(ADC_MIDDLE - GYRO_SWING, fmin(ADC_MIDDLE + GYRO_SWING, shown)) + 0.5);
     *accelerometer = converted(parts->accelerometer_zero + ACCELEROMETER_COUNTS * along +
                                ACCELEROMETER_NOISE * noise_normal(&parts->noise) + 0.5);

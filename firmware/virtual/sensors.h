@@ -34,7 +34,7 @@ struct beam { /* of a sensor in the world */
 /* 10-bit readings. */
 struct gyro_and_accelerometer {
     double gyro_zero;      /* counts, of this part */
-    double gyro_rate;      /* rad/s, behind the body's by its filter */
+    double gyro_shown;     /* counts off its zero, behind the body's rate by its filter */
     double gyro_walk;      /* counts per root of a second by which its zero wanders; 0 unless set */
     double accelerometer_zero;
     struct noise noise;

@@ -53,7 +53,25 @@ def test_rest_learns_the_gyros_zero_in_a_second_and_motion_starts_it_again():
     for _ in range(200):  # set up so slowly that no gyro shows it
         assert LIB.tilt_rest(tilt, sums(lean=0.0, zero=520.0))
     assert tilt.angle == pytest.approx(0.0, abs=0.005)
-    assert not LIB.tilt_rest(tilt, sums(rate=0.5))
+    assert not all(LIB.tilt_rest(tilt, sums(rate=0.5)) for _ in range(4))  # 20 ms
+
+
+def test_rest_is_found_in_a_hand_that_trembles_and_behind_a_gyro_that_hisses():
+    """0.05 deg/s per root hertz over the 100 Hz of a step's mean; a hand's 0.03 rad/s at 9 Hz."""
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        tilt = FFI.new("struct tilt *")
+        LIB.tilt_init(tilt)
+        phase = rng.uniform(0.0, 6.0)
+        steps = 0
+        while not tilt.is_rested and steps < 1000:
+            hiss = math.radians(0.05) * math.sqrt(100.0) * rng.standard_normal()
+            LIB.tilt_rest(
+                tilt, sums(rate=0.03 * math.sin(phase + 2.0 * math.pi * 9.0 * 0.005 * steps) + hiss, zero=515.0)
+            )
+            steps += 1
+        assert steps == 200
+        assert tilt.gyro_zero == pytest.approx(3 * 0.00681769, abs=0.004)
 
 
 @pytest.mark.parametrize(

@@ -188,7 +188,7 @@ def test_a_disarmed_robot_is_held_until_it_is_armed(build):
     robot = VirtualCrunch(room(4, 4), seed=10, armed=False, build=build)
     data = robot.advance(3.0)
     assert robot.state == "disarmed"
-    assert robot.tilt == 0.0
+    assert abs(robot.tilt) < 0.004  # as the hand sways
     robot.write(arm_command(1, newest_time(data)))
     robot.advance(0.2)
     assert robot.state == "disarmed"

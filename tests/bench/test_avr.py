@@ -1,0 +1,16 @@
+"""What the programs take of their ATmega32s, adjusted, reset and driven, stays within what they may take."""
+
+import pytest
+
+from bench.avr import BOARDS, FLASH, RAM, STEP_CYCLES, run
+from tests.firmware.avr_tools import need_simavr
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_half_of_flash_and_three_fifths_of_ram_and_two_fifths_of_a_step_are_enough(name):
+    need_simavr()
+    record = run(BOARDS[name], 1)
+    assert record["flash"] < 0.5 * FLASH
+    assert record["ram"] < 0.6 * RAM
+    assert record["step"] < 0.4 * STEP_CYCLES
+    assert record["awake"] < 0.4 * STEP_CYCLES
