@@ -50,6 +50,9 @@ class Bench(NamedTuple):
     is_timed: bool = False  # runs go one at a time, whatever the number of jobs
     heading: str = "run"
     notes: Callable[[list[Row]], Iterable[str]] | None = None  # lines below the table
+    verdict: Callable[[list[Row]], Iterable[str]] | None = (
+        None  # a sentence for all that must not be; none if all is well
+    )
 
 
 def each(run: Callable[[Any, int], Record], cases: Mapping[str, Any]) -> Callable[[Crew], Iterator[Row]]:

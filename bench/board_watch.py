@@ -6,6 +6,7 @@ worked out what it wishes; on the line no two fit into that.
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from firmware.virtual.avr import AvrCrunch
 from firmware.virtual.avr.memory import Memory
 from firmware.virtual.avr.programs import programs
 from server.channels import milli
-from server.messages import Command, DriveCommand
+from server.messages import Command, DriveCommand, StopCommand
 
 ARMED, LINK_LOST = 1, 3  # of enum drive_state
 OLDEST = 1.0  # s: a command that was longer under way is stale
@@ -26,28 +27,39 @@ FIELDS = {
     "supervisor.wish.turn": "f",
     "supervisor.refused": "H",
     "decoder.rejected": "H",
+    "tilt.angle": "f",
 }
 STILL = (np.float32(0), np.float32(0))
 
 
+@functools.cache
+def drive_memory() -> Memory:
+    """Where the drive board's real program keeps FIELDS."""
+    return Memory(programs().drive, "loop", "drive/loop.h", "struct drive_loop", FIELDS)
+
+
 class Sent(NamedTuple):
-    """What the board should wish after a command, and when the host gave it (s)."""
+    """What the board should wish after a command, when the host gave it (s), and whether it is a stop."""
 
     wish: tuple[np.float32, np.float32]
     time: float
+    is_stop: bool
 
 
 class BoardWatch:
-    """Counts the commands that the board obeys, and those of them that the host did not send, or long ago."""
+    """Counts the commands that the board obeys, and those of them that the host did not send, or to drive long ago.
+
+    A stop is obeyed however old it is, and is counted by itself when it is.
+    """
 
     def __init__(self, robot: AvrCrunch):
         self.robot = robot
-        self.memory = Memory(programs().drive, "loop", "drive/loop.h", "struct drive_loop", FIELDS)
+        self.memory = drive_memory()
         self.sent: dict[int, Sent] = {}  # the newest of each sequence number
         self.heard = (0, 0)  # acknowledged, ms of silence
         self.is_new = False  # a command was obeyed in the last millisecond
-        self.obeyed = self.wrong = 0
-        self.oldest = 0.0  # s, of the commands obeyed
+        self.obeyed = self.wrong = self.old_stops = 0
+        self.oldest = 0.0  # s, of the commands to drive that were obeyed
         self.has_fallen = False
 
     def read(self, name: str) -> Any:
@@ -65,7 +77,7 @@ class BoardWatch:
         if isinstance(command, DriveCommand):
             speed, turn = (np.float32(milli(value)) for value in (command.speed, command.turn))
             wish = (speed / np.float32(1000), turn / np.float32(1000))  # as the board works it out
-        self.sent[sequence] = Sent(wish, self.robot.time)
+        self.sent[sequence] = Sent(wish, self.robot.time, isinstance(command, StopCommand))
 
     def begin(self) -> None:
         """What the board has heard so far is known."""
@@ -82,11 +94,14 @@ class BoardWatch:
         self.obeyed += self.is_new
 
     def judge(self, sent: Sent | None) -> None:
-        """The board wishes what the newest command of that number says, and that is not old."""
+        """The board wishes what the newest command of that number says, and that is a stop or not old."""
         wish = (np.float32(self.read("supervisor.wish.speed")), np.float32(self.read("supervisor.wish.turn")))
         if sent is None or wish != sent.wish:
             self.wrong += 1
             return
         age = self.robot.time - sent.time
+        if sent.is_stop:
+            self.old_stops += age > OLDEST
+            return
         self.oldest = max(self.oldest, age)
         self.wrong += age > OLDEST

@@ -165,6 +165,7 @@ def of_board(drive: Drive) -> Record:
         "rejected": watch.read("decoder.rejected"),
         "replays": drive.replays,
         "wrong": watch.wrong,
+        "old_stops": watch.old_stops,
         "collisions": drive.robot.collisions,
     }
 
@@ -191,13 +192,28 @@ def stood(row: Row) -> str:
     return "yes" if all(values_of(row, "stood")) else "NO"
 
 
+def verdict(rows: list[Row]) -> Iterator[str]:
+    """No robot may fall, obey what was not meant, or speak while its other board does."""
+    for row in rows:
+        if not all(values_of(row, "stood")):
+            yield f"{row.name}: a robot fell"
+        for key, what in (
+            ("wrong", "commands were obeyed wrongly"),
+            ("collisions", "bytes of the two boards overlapped"),
+        ):
+            if count := sum(values_of(row, key)):
+                yield f"{row.name}: {count} {what}"
+
+
 def notes(rows: list[Row]) -> Iterator[str]:
     """What all rows have in common."""
-    wrong = sum(sum(values_of(row, "wrong")) for row in rows)
-    replays = sum(sum(values_of(row, "replays")) for row in rows)
+    wrong, replays, old_stops = (
+        sum(sum(values_of(row, key)) for row in rows) for key in ("wrong", "replays", "old_stops")
+    )
     yield (
-        f"Commands obeyed that the host had not sent in the second before: {wrong}; old ones said again: {replays}. "
-        "The silence itself is part of the longest gap."
+        f"Obeyed were {wrong} commands that the host had not sent, or to drive over a second before; it said {replays} "
+        f"old ones again. A stop is obeyed however old it is: {old_stops} were over a second. The silence itself is part "
+        "of the longest gap."
     )
 
 
@@ -210,11 +226,12 @@ BENCH = Bench(
         Column("most lean (deg)", middle("lean", 1)),
         Column("commands", middle("commands", 0)),
         Column("obeyed", middle("obeyed", 0)),
-        Column("oldest (ms)", middle("oldest", 0)),
+        Column("oldest to drive (ms)", middle("oldest", 0)),
         Column("old ones said again", middle("replays", 0)),
         Column("refused by the board", middle("refused", 0)),
         Column("no frame", middle("rejected", 0)),
         Column("obeyed wrongly", plain("wrong")),
+        Column("old stops obeyed", plain("old_stops")),
         Column("telemetry heard (%)", middle("heard", 1)),
         Column("believed, never said", plain("false")),
         Column("longest gap (s)", middle("gap")),
@@ -226,4 +243,5 @@ BENCH = Bench(
     minutes=15,
     heading="radio",
     notes=notes,
+    verdict=verdict,
 )

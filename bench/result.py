@@ -39,12 +39,13 @@ class Result(BaseModel):
     columns: list[str]  # the first is the rows' name
     rows: list[ResultRow] = []
     notes: list[str] = []
+    wrong: list[str] = []  # a sentence for all that must not be
 
     def show(self) -> None:
         """Print the table with what it depends on."""
         print(f"\n{self.name}: {self.about}\n")
         show_table(self.columns, [[row.name, *row.cells] for row in self.rows])
-        for note in ("", *self.notes):
+        for note in ("", *self.notes, *(f"WRONG: {sentence}" for sentence in self.wrong)):
             print(note)
         print(f"{self.command} · {self.date} · commit {self.commit} · {self.seconds:.0f} s\n{self.machine}")
 

@@ -11,8 +11,10 @@ import struct
 import pytest
 
 from bench import radio
-from bench.board_watch import BoardWatch, Sent
+from bench.benchmark import Row
+from bench.board_watch import BoardWatch
 from firmware.virtual import Radio
+from server.messages import StopCommand
 from tests.firmware.avr_tools import need_simavr
 
 MINUTES = 0.25
@@ -81,11 +83,52 @@ def test_a_watch_finds_what_was_never_sent_or_long_ago():
         watch.look()  # sees it
         watch.look()  # and judges it
         assert watch.wrong == wrong
-    watch.sent[number] = Sent(watch.sent[number].wish, drive.robot.time - 1.5)
     poke(watch, "supervisor.wish.speed", speed)
-    watch.judge(watch.sent[number])  # the right wish, too old
+    age = watch.oldest
+    assert 0.0 < age < 1.0
+    watch.judge(watch.sent[number]._replace(time=drive.robot.time - 1.5))  # the right wish, too old
     assert watch.wrong == 3
+    assert watch.oldest > age
+    assert watch.old_stops == 0
     assert not watch.has_fallen
     poke(watch, "supervisor.state", 2)
     watch.look()
     assert watch.has_fallen
+
+
+def test_a_stop_is_obeyed_however_old_and_counted_by_itself():
+    drive = radio.Drive(radio.CASES["good"], 1)
+    drive.arm()
+    drive.motion = StopCommand()
+    for _ in range(10):
+        drive.say(drive.motion)
+        drive.live(0.1)
+    watch = drive.watch
+    stop = watch.sent[watch.heard[0]]
+    assert stop.is_stop
+    assert (watch.wrong, watch.old_stops, watch.oldest) == (0, 0, 0.0)
+    late = stop._replace(time=drive.robot.time - 1.5)
+    watch.judge(late)
+    assert (watch.wrong, watch.old_stops, watch.oldest) == (0, 1, 0.0)
+    watch.judge(late._replace(is_stop=False))  # to drive at no speed
+    assert (watch.wrong, watch.old_stops) == (1, 1)
+    poke(watch, "supervisor.wish.speed", 0.123)
+    watch.judge(late)  # and the board goes on
+    assert (watch.wrong, watch.old_stops) == (2, 1)
+
+
+def test_a_late_radio_lets_stops_through_and_nothing_else(monkeypatch):
+    monkeypatch.setattr(radio, "STOPS", 1.0)
+    found = radio.run(LATE, 3, 0.1)
+    assert found["old_stops"] > 10
+    assert found["wrong"] == 0
+    assert found["oldest"] < 1000.0
+
+
+def test_the_verdict_names_what_no_robot_may_do():
+    good = {"stood": True, "wrong": 0, "collisions": 0}
+    bad = [good | change for change in ({}, {"stood": False}, {"wrong": 2}, {"collisions": 3})]
+    assert not list(radio.verdict([Row("fine", [good])]))
+    assert list(radio.verdict([Row("a", bad), Row("fine", [good])])) == [
+        "a: a robot fell", "a: 2 commands were obeyed wrongly", "a: 3 bytes of the two boards overlapped",
+    ]  # fmt: skip
