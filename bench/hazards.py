@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from bench.board_watch import LINK_LOST, drive_memory
 from bench.boards import Rider, hall
 from firmware.virtual.variation import ACCELEROMETER_COUNTS
 from server.messages import ArmCommand
@@ -17,7 +18,10 @@ STANDING = (0.0, 0.0)
 DRIVING = (0.3, 0.0)
 STILL_SPEED = 0.05  # m/s
 RUNNING_RATE = 8.0  # rad/s of a wheel: 0.4 m/s, which a robot that stands never has
-FALLEN_TILT = 0.7  # rad
+FALLEN_TILT, LOST_TILT = 0.7, 0.25  # rad
+HAND_RATE = (
+    2.2  # rad/s: slower than what is called tumbling, and 0.7 rad before the motors are at their limit for 0.4 s
+)
 FULL_DUTY = 0.95
 PATIENCE_MS = 5000
 GYRO, ACCELEROMETER, BATTERY, LEFT_MOTOR = 0, 1, 3, 6  # the drive board's inputs
@@ -43,6 +47,26 @@ def until(is_done: Callable[[Rider], bool]) -> Callable[[Rider], int | None]:
 def is_off(rider: Rider) -> bool:
     """The action of most rows."""
     return rider.is_off
+
+
+def own(name: str, rider: Rider) -> Any:
+    """A variable of the drive board's loop, in its own memory."""
+    return drive_memory().read(rider.robot.robot.drive, name)
+
+
+def leans(rider: Rider, tilt: float) -> bool:
+    """Whether the drive board believes that it leans beyond this (rad)."""
+    return abs(own("tilt.angle", rider)) > tilt
+
+
+def off_beyond(tilt: float) -> Callable[[Rider], int | None]:
+    """How many ms pass before it is off; None too if it was off before the board believed that it leans beyond this."""
+    return lambda rider: until(is_off)(rider) if leans(rider, tilt) or not rider.is_off else None
+
+
+def is_without_link(rider: Rider) -> bool:
+    """The drive board holds the link for lost."""
+    return own("supervisor.state", rider) == LINK_LOST
 
 
 def is_still(rider: Rider) -> bool:
@@ -109,19 +133,30 @@ def arm_with_gyro_at(volts: float) -> Callable[[Rider], None]:
 
 
 def shove(newtons: float) -> Callable[[Rider], None]:
-    """More than it can stand, up to the lean at which it is called a fall."""
+    """More than it can stand, up to the lean beyond which who tumbles is lost, or to a fall."""
 
     def inflict(rider: Rider) -> None:
         rider.robot.push(newtons)
-        while abs(rider.robot.tilt) < FALLEN_TILT and not rider.is_off:
+        while not (leans(rider, LOST_TILT) or abs(rider.robot.tilt) >= FALLEN_TILT or rider.is_off):
             rider.live(1)
         rider.robot.push(0.0)
 
     return inflict
 
 
+def tip(rate: float) -> Callable[[Rider], None]:
+    """A hand turns the body about its axle, up to the lean at which it is called a fall."""
+
+    def inflict(rider: Rider) -> None:
+        while not (leans(rider, FALLEN_TILT) or rider.is_off):
+            rider.body.tilt_rate = rate
+            rider.live(1)
+
+    return inflict
+
+
 def hush(rider: Rider) -> None:
-    """No more commands."""
+    """No more commands; the last was at most 100 ms ago."""
     rider.is_silent = True
 
 
@@ -213,14 +248,21 @@ HAZARDS: tuple[Hazard, ...] = (
            reset_causes=(WATCHDOG,)),
     Hazard("both boards reset in flight", "off at once; disarmed", brown_out, 5, (("disarmed", "boot"),), DRIVING,
            until(is_reset), reset_causes=(BROWN_OUT, BROWN_OUT)),
-    Hazard("fall", "beyond 0.7 rad, same step", shove(60.0), 25, (("fallen", "fell"),)),
-    Hazard("a slower fall", "the same", shove(25.0), 25, (("fallen", "fell"),)),
-    Hazard("a fall on its back", "the same", shove(-25.0), 25, (("fallen", "fell"),)),
+    Hazard("a hard shove", "tumbling beyond 0.25 rad, same step", shove(60.0), 25, (("fallen", "fell"),),
+           measure=off_beyond(LOST_TILT)),
+    Hazard("a shove", "the same", shove(25.0), 25, (("fallen", "fell"),), measure=off_beyond(LOST_TILT)),
+    Hazard("a shove from before", "the same", shove(-25.0), 25, (("fallen", "fell"),), measure=off_beyond(LOST_TILT)),
+    Hazard("tipped over by a hand", "beyond 0.7 rad, same step", tip(HAND_RATE), 5, (("fallen", "fell"),),
+           measure=off_beyond(FALLEN_TILT)),
+    Hazard("tipped over backward", "the same", tip(-HAND_RATE), 5, (("fallen", "fell"),),
+           measure=off_beyond(FALLEN_TILT)),
     Hazard("never armed", "no motor runs", drive_unarmed, 0, (("disarmed", "boot"),), measure=ms_on, is_armed=False),
     Hazard("asked to arm with a dead gyro", "no motor runs", arm_with_gyro_at(0.0), 0, (("disarmed", "boot"),),
            measure=ms_on, is_armed=False),
     Hazard("asked to arm with a stuck gyro", "the same", arm_with_gyro_at(2.5), 0, (("disarmed", "boot"),),
            measure=ms_on, is_armed=False),
+    Hazard("link given up", "400 ms after the last command", hush, 415, (("link lost", "link"),), DRIVING,
+           until(is_without_link), is_on=True),
     Hazard("link lost", "400 ms, then slows down and balances", hush, 2500, (("link lost", "link"),), DRIVING,
            until(is_still), is_on=True),
     Hazard("stall", "duty above 0.95 for 0.4 s", weaken(0.5), 600, ((FAULT, "stall"),), DRIVING),

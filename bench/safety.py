@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 
-from bench.benchmark import Bench, Column, Record, Row, each, figures, runs, share, values_of
+from bench.benchmark import Bench, Column, Record, Row, each, failed, figures, runs, share, values_of
 from bench.hazards import HAZARDS, suffer
 
 BY_NAME = {hazard.name: hazard for hazard in HAZARDS}
@@ -19,6 +20,13 @@ def words(row: Row) -> str:
     """What was told, and by how many where they did not all tell the same."""
     counts = Counter(values_of(row, "told")).most_common()
     return "; ".join(told if len(counts) == 1 else f"{told} ({count})" for told, count in counts)
+
+
+def verdict(rows: list[Row]) -> Iterator[str]:
+    """Every row of the table is to be kept by every robot."""
+    for row in rows:
+        if not all(values_of(row, "is_right")):
+            yield f"{row.name}: not as it should be with the seeds {failed('is_right')(row)}"
 
 
 BENCH = Bench(
@@ -36,4 +44,5 @@ BENCH = Bench(
     seeds=20,
     minutes=6,
     heading="hazard",
+    verdict=verdict,
 )

@@ -1,15 +1,26 @@
 """Hazards inflicted on the real boards: what they do, how soon, and the reason that they tell."""
 
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from bench.hazards import HAZARDS, suffer
+from bench import safety
+from bench.benchmark import Row
+from bench.boards import Rider, hall
+from bench.hazards import FALLEN_TILT, HAZARDS, LOST_TILT, off_beyond, suffer
 from firmware.virtual import Radio
+from server.messages import ArmCommand
 from tests.firmware.avr_robot import Driven
 from tests.firmware.avr_tools import need_simavr
 from tests.firmware.virtual_wire import DRIVE, arm_command, drive_command, frames, newest_time, stop_command
 
 COMMAND = 1
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("hazard", HAZARDS, ids=lambda hazard: hazard.name)
@@ -17,6 +28,46 @@ def test_every_row_of_the_safety_table_is_kept_in_time_and_told(hazard):
     need_simavr()
     suffered = suffer(hazard, seed=1)
     assert suffered["is_right"], suffered
+
+
+@pytest.mark.parametrize(
+    ("sound", "broken", "names"),
+    [
+        ("FALL_TILT 0.7f", "FALL_TILT 3.0f", ["tipped over by a hand", "tipped over backward"]),
+        ("LOST_TILT 0.25f", "LOST_TILT 0.5f", ["a hard shove", "a shove", "a shove from before"]),
+        ("LINK_MS 400", "LINK_MS 1700", ["link given up"]),
+    ],
+    ids=["no fall", "late fall", "late link"],
+)
+def test_a_broken_rule_breaks_its_rows(sound, broken, names, tmp_path):
+    need_simavr()
+    for folder in ("bench", "server", "slam", "firmware"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    header = tmp_path / "firmware" / "drive" / "supervisor.h"
+    assert sound in header.read_text()
+    header.write_text(header.read_text().replace(sound, broken))
+    script = f"from bench.safety import run; print([run(name, 1) for name in {names}])"
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    records = ast.literal_eval(done.stdout)
+    assert not any(record["is_right"] for record in records), records
+    rows = [Row(name, [record]) for name, record in zip(names, records, strict=True)]
+    told = [f"{name}: not as it should be with the seeds 1" for name in names]
+    assert list(safety.verdict([*rows, Row("kept", [{"seed": 0, "is_right": True}])])) == told
+
+
+@pytest.mark.parametrize("tilt", [LOST_TILT, FALLEN_TILT])
+def test_motors_that_another_rule_has_switched_off_are_no_fall(tilt):
+    need_simavr()
+    rider = Rider(hall(12.0), (0.0, 0.0, 0.0), 1)
+    assert rider.arm()
+    rider.wait(0.5)
+    rider.send(ArmCommand(False))
+    while not rider.is_off:
+        rider.live(1)
+    assert off_beyond(tilt)(rider) is None
+    rider.wait(2.0)  # it lies on the floor
+    assert off_beyond(tilt)(rider) == 0
 
 
 def test_a_disarm_and_a_stop_are_obeyed_however_late():
