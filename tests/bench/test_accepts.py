@@ -1,11 +1,17 @@
 """The harm done to frames is of its kind, and what is counted as taken for good is neither everything nor nothing."""
 
+import math
+from collections import Counter
+
 import numpy as np
 import pytest
 
 from bench import accepts
+from bench.benchmark import Row
 from bench.corruption import KINDS, burst, flip_bits, line_of, lose_bytes, pieces_of, splice
+from server.channels import ADJUST_COMMAND, DRIVE, SENSOR, VERBS, addressee, encode_command
 from server.link import DELIMITER, Decoder, encode
+from server.messages import AdjustCommand, ArmCommand
 
 RNG = np.random.default_rng(1)
 FRAMES = accepts.telemetry(1)[:2000]
@@ -63,22 +69,65 @@ def test_nothing_corrupted_is_obeyed_and_little_believed(kind, monkeypatch):
     monkeypatch.setattr(accepts, "PIECES", 20_000)
     found = accepts.run(kind, 1)
     assert min(found["telemetry"], found["commands"]) >= 20_000
-    assert found["obeyed"] == 0
+    assert found["obeyed"] == found["adjusted"] == 0
     assert found["believed"] <= found["telemetry_crc"] < 20  # one in 65,536 is expected
 
 
 def test_what_is_whole_is_obeyed_and_believed():
-    board = accepts.Board(1)
-    whole = [frame[:-1] for frame in accepts.commands(RNG, board.now_ms)]
-    assert board.hear(whole) == (len(whole), len(whole))
+    boards = accepts.Boards(1)
+    given = [accepts.command_of(RNG) for _ in range(5000)]
+    moving = [command for command in given if not isinstance(command, AdjustCommand)]
+    asked = [command for command in given if isinstance(command, AdjustCommand) and command.verb == "ask"]
+    assert boards.hear(encoded(moving, boards)) == (len(moving), len(moving), 0)
+    assert boards.hear(encoded(asked, boards)) == (len(asked), 0, len(asked))
+    assert {command.board for command in asked} == {"drive", "sensor"}
     pieces = [frame[:-1] for frame in FRAMES]
     assert accepts.heard(iter([pieces])) == {"telemetry": 2000, "telemetry_crc": 2000, "believed": 2000}
 
 
+def encoded(given, boards):
+    """Commands that are fresh, without their delimiters."""
+    echoes = [boards.now_ms[addressee(command)] for command in given]
+    return [encode(encode_command(command, 0, echo))[:-1] for command, echo in zip(given, echoes, strict=True)]
+
+
+@pytest.mark.parametrize("board", ["drive", "sensor"])
+@pytest.mark.parametrize("verb", VERBS)
+def test_an_adjustment_that_is_done_is_counted_answered_or_not(verb, board):
+    boards = accepts.Boards(1)
+    boards.hear(encoded([ArmCommand(False)], boards))  # so that it may learn the gyro's zero
+    before = boards.adjusted()
+    assert boards.hear(encoded([AdjustCommand(board, verb, "sonar_ms", 400.0)], boards)) == (1, 0, 1)
+    is_silent = verb == "store" or (verb, board) == ("zero gyro", "drive")  # until it is done
+    assert (boards.adjusted() != before) == (is_silent or verb == "set")
+
+
+def test_half_of_what_is_harmed_are_adjustments_of_both_boards():
+    boards = accepts.Boards(1)
+    frames = Decoder().feed(b"".join(accepts.commands(RNG, boards.now_ms)))
+    adjustments = Counter(frame.payload[0] for frame in frames if frame.channel == ADJUST_COMMAND)
+    assert set(adjustments) == {DRIVE, SENSOR}
+    for count in adjustments.values():
+        assert count / len(frames) == pytest.approx(0.25, abs=4.0 * math.sqrt(0.25 * 0.75 / len(frames)))
+    crc, obeyed, adjusted = boards.hear([encode(frame)[:-1] for frame in frames])
+    assert crc == len(frames)
+    assert obeyed == len(frames) - sum(adjustments.values())
+    assert 0.5 * sum(adjustments.values()) < adjusted <= sum(adjustments.values())  # to store is answered later
+
+
+def test_the_verdict_counts_what_was_taken():
+    clean = {"obeyed": 0, "adjusted": 0}
+    assert not list(accepts.verdict([Row("fine", [clean])]))
+    assert list(accepts.verdict([Row("a", [clean, {"obeyed": 2, "adjusted": 3}])])) == [
+        "a: 2 corrupted commands were obeyed",
+        "a: 3 corrupted adjustments were done or answered",
+    ]
+
+
 def test_a_right_crc16_alone_moves_nothing():
-    board = accepts.Board(2)
+    boards = accepts.Boards(2)
     forged = []
-    for data in accepts.commands(RNG, board.now_ms)[:5000]:
+    for data in accepts.commands(RNG, boards.now_ms)[:5000]:
         [frame] = Decoder().feed(data)
         payload = bytearray(frame.payload)
         for bit in RNG.integers(0, 8 * len(payload), 1 + RNG.poisson(1.0)):
@@ -86,4 +135,4 @@ def test_a_right_crc16_alone_moves_nothing():
         if bytes(payload) != frame.payload:
             forged.append(encode(frame._replace(payload=bytes(payload)))[:-1])
     assert len(forged) > 4900
-    assert board.hear(forged) == (len(forged), 0)
+    assert boards.hear(forged) == (len(forged), 0, 0)
