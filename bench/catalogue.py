@@ -17,6 +17,7 @@ from bench import (
     fuzz,
     kernels,
     odometry,
+    parity,
     radio,
     real,
     ride,
@@ -27,6 +28,18 @@ from bench import (
     worlds,
 )
 from bench.benchmark import Bench
+
+FIRMWARE: tuple[Bench, ...] = (
+    *ride.BENCHES,
+    safety.BENCH,
+    radio.BENCH,
+    avr.BENCH,
+    accepts.BENCH,
+    fuzz.BENCH,
+    builds.BENCH,
+    parity.BENCH,
+)
+SETS = {"firmware": FIRMWARE}  # several by one name
 
 CATALOGUE: tuple[Bench, ...] = (
     cycle.BENCH,
@@ -41,14 +54,8 @@ CATALOGUE: tuple[Bench, ...] = (
     calibration.BENCH,
     odometry.BENCH,
     scale.BENCH,
-    radio.BENCH,
-    accepts.BENCH,
-    fuzz.BENCH,
     kernels.BENCH,
     speed.BENCH,
-    safety.BENCH,
-    avr.BENCH,
-    *ride.BENCHES,
-    builds.BENCH,
+    *FIRMWARE,
     *dashboard.BENCHES,
 )

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.benchmark import Bench, Crew
-from bench.catalogue import CATALOGUE
+from bench.catalogue import CATALOGUE, SETS
 from bench.machine import commit, machine
 from bench.recordings import CACHE, data_folder
 from bench.result import Result, ResultRow, Results, show_table
@@ -17,17 +17,20 @@ from server.errors import UserError
 
 
 def show_list() -> None:
-    """Print each benchmark's name, its line, and what it takes."""
+    """Print each benchmark's name, its line, and what it takes; then the names of several."""
     rows = [
         [bench.name, bench.about, str(bench.seeds), f"{bench.minutes:g}", "recordings" if bench.needs_data else ""]
         for bench in CATALOGUE
     ]
     show_table(["benchmark", "what it measures", "seeds", "minutes", "needs"], rows)
+    for name, benches in SETS.items():
+        minutes = sum(bench.minutes for bench in benches)
+        print(f"\n{name}: {', '.join(bench.name for bench in benches)}; {minutes:g} minutes")
 
 
 def chosen(names: Sequence[str]) -> list[Bench]:
-    """The benchmarks of these names; UserError for a name that none has."""
-    by_name = {bench.name: bench for bench in CATALOGUE}
+    """The benchmarks of these names, each once; UserError for a name that neither one nor a set has."""
+    by_name = {bench.name: (bench,) for bench in CATALOGUE} | SETS
     for name in names:
         if name not in by_name:
             near = difflib.get_close_matches(name, by_name, 3, 0.7)
@@ -37,12 +40,17 @@ def chosen(names: Sequence[str]) -> list[Bench]:
                 else f"choose {', '.join(by_name)}"
             )
             raise UserError(f"`{name}` is no benchmark; {hint}")
-    return [by_name[name] for name in dict.fromkeys(names)]
+    found = {bench.name: bench for name in names for bench in by_name[name]}
+    return list(found.values())
 
 
-def run_all(names: Sequence[str], seeds: int | None, jobs: int, only: str, output: Path | None) -> None:
-    """Run the named benchmarks, or a quick set with few seeds, and write their results as JSON."""
+def run_all(names: Sequence[str], seeds: int | None, jobs: int, only: str, output: Path | None) -> bool:
+    """Run the named benchmarks, or a quick set with few seeds, and write their results as JSON.
+
+    False if one of them found what must not be.
+    """
     together = Results(results={})
+    is_well = True
     for bench in chosen(names) if names else [bench for bench in CATALOGUE if bench.quick]:
         if bench.needs_data and data_folder() is None:
             print(f"\n{bench.name}: skipped: it needs other people's recordings; set CRUNCH_DATA to their folder")
@@ -55,6 +63,8 @@ def run_all(names: Sequence[str], seeds: int | None, jobs: int, only: str, outpu
             kept.write(path)
         kept.results[bench.name].show()
         print(path, flush=True)
+        is_well &= not kept.results[bench.name].wrong
+    return is_well
 
 
 def run(bench: Bench, seeds: int, jobs: int = 1, only: str = "") -> Iterator[Result]:
@@ -84,4 +94,5 @@ def run(bench: Bench, seeds: int, jobs: int = 1, only: str = "") -> Iterator[Res
     if not rows:
         raise UserError(f"no row of `{bench.name}` has `{only}` in its name; leave out --only to see them all")
     result.notes = list(bench.notes(rows)) if bench.notes else []
+    result.wrong = list(bench.verdict(rows)) if bench.verdict else []
     yield result

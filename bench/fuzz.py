@@ -25,6 +25,7 @@ MINUTES = 10.0
 FUZZ = FIRMWARE.parent / "build" / "fuzz"
 PACKAGES = "make gcc clang-14 libclang-rt-14-dev"
 LONGEST = 512  # bytes of an input
+NOTHING = "none"  # among the findings
 LINK = ("link/frame.c", "link/cobs.c", "link/crc.c", "link/seal.c", "link/adjust.c")
 TOLD = (*LINK, "drive/command.c", "drive/loop.c", "drive/supervisor.c")
 ARMING = DELIMITER * 90  # each zero lets 5 ms pass
@@ -75,7 +76,7 @@ def told(done: subprocess.CompletedProcess, folder: Path) -> Record:
         "per_second": int(stats.get("average_exec_per_sec", 0)),
         "edges": int(progress[-1][0]) if progress else 0,
         "inputs": int(progress[-1][2]) if progress else 0,
-        "findings": ", ".join(findings) or "none",
+        "findings": ", ".join(findings) or NOTHING,
     }
 
 
@@ -109,6 +110,14 @@ def rows(crew: Crew) -> Iterator[Row]:
             yield Row(f"seed {seed}", [run(seed)])
 
 
+def verdict(rows: list[Row]) -> Iterator[str]:
+    """Nothing may be found."""
+    for row in rows:
+        for record in row.records:
+            if record["findings"] != NOTHING:
+                yield f"{row.name}: {record['findings']}, in {FUZZ}/run-{record['seed']}"
+
+
 BENCH = Bench(
     name="fuzz",
     about="ten minutes of coverage-guided fuzzing of the boards' receive path under sanitizers",
@@ -125,4 +134,5 @@ BENCH = Bench(
     quick=1,
     is_timed=True,
     heading="run",
+    verdict=verdict,
 )

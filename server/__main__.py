@@ -1,7 +1,7 @@
 """The `crunch` command. Each command imports what it needs when it runs, so that help comes at once.
 
-Exit codes: 0 done, 1 a mistake of ours, 2 something that the caller can mend, told in one line. Uses its
-siblings `terminal`, `calibrate`, `board` and `flash`, which import as late.
+Exit codes: 0 done, 1 a mistake of ours or a benchmark's finding, 2 something that the caller can mend, told in one
+line. Uses its siblings `terminal`, `calibrate`, `board` and `flash`, which import as late.
 """
 
 from __future__ import annotations
@@ -281,7 +281,8 @@ app.command()(board)
 @app.command()
 def bench(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Benchmarks; a quick set if none.")
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Benchmarks, or `firmware` for all of those; a quick set if none."),
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="Tell what each measures and how long it takes.")] = False,
     seeds: Annotated[int | None, typer.Option(min=1, help="Runs of each row.", show_default="its own")] = None,
@@ -292,21 +293,23 @@ def bench(
     output: Annotated[
         Path | None, typer.Option(help="JSON file for all results.", show_default="build/bench/NAME.json")
     ] = None,
-) -> None:
+) -> int:
     """Measure accuracy and speed, in a checkout of the sources: tables with the machine, the commit and the tails.
 
     \b
         crunch bench --list
         crunch bench cycle --seeds 20 --jobs 2 --only medium
         crunch bench real cycle --output results.json
+        crunch bench firmware --jobs 2
 
+    The exit code is 1 where one finds what must not be, as a robot that fell.
     Other people's recordings are found through CRUNCH_DATA; what needs them is skipped where they are not.
     """
     command = benchmarks()
     if listed:
         command.show_list()
-    else:
-        command.run_all(names or [], seeds, jobs, only, output)
+        return 0
+    return 0 if command.run_all(names or [], seeds, jobs, only, output) else 1
 
 
 @app.command()

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from bench import benchmark, command
+from bench import benchmark, command, fuzz, parity, ride
 from bench.ablation import INGREDIENTS, WHOLE, settings_of
-from bench.benchmark import Bench, Column, Crew, Record, Row, each
-from bench.catalogue import CATALOGUE
+from bench.benchmark import Bench, Column, Crew, Record, Row, each, values_of
+from bench.catalogue import CATALOGUE, SETS
 from bench.result import Results, show_table
 from server.__main__ import run as run_command
 from server.errors import UserError
@@ -60,6 +60,67 @@ def test_the_list_names_all(capsys):
 def test_a_misspelt_name_is_told_with_the_near_ones():
     with pytest.raises(UserError, match="`cylce` is no benchmark; did you mean `cycle`"):
         command.chosen(["cycle", "cylce"])
+
+
+def test_a_set_is_all_of_its_benchmarks_once(capsys):
+    names = ["stand", "ride", "push", "wall", "safety", "radio", "avr", "accepts", "fuzz", "builds", "parity"]
+    assert [bench.name for bench in command.chosen(["firmware"])] == names
+    assert [bench.name for bench in command.chosen(["avr", "firmware", "avr"])] == ["avr", *names[:6], *names[7:]]
+    assert {bench.name for bench in CATALOGUE}.isdisjoint(SETS)
+    command.show_list()
+    assert f"firmware: {', '.join(names)}; " in capsys.readouterr().out
+
+
+def test_what_must_not_be_is_said_and_is_the_exit_code(monkeypatch, capsys, tmp_path):
+    judged = CHEAP._replace(
+        name="judged", verdict=lambda rows: [row.name for row in rows if not all(values_of(row, "good"))]
+    )
+    monkeypatch.setattr(command, "CATALOGUE", (CHEAP, judged))
+    output = ["--output", str(tmp_path / "results.json")]
+    for seeds, names, code in (("3", ["judged"], 0), ("4", ["cheap"], 0), ("4", ["judged", "cheap"], 1)):
+        assert run_command(["bench", *names, "--seeds", seeds, *output], False) == code
+        printed = capsys.readouterr().out
+        assert printed.count("WRONG: ") == 2 * code
+        assert not code or "\nWRONG: one\nWRONG: two\n" in printed
+    assert Results.read(tmp_path / "results.json").results["judged"].wrong == ["one", "two"]
+
+
+def test_what_the_fuzzer_finds_is_told_with_its_place():
+    assert not list(fuzz.verdict([Row("seed 0", [{"seed": 0, "findings": "none"}])]))
+    [sentence] = fuzz.verdict([Row("seed 1", [{"seed": 1, "findings": "crash-12"}])])
+    assert sentence.startswith("seed 1: crash-12, in ")
+
+
+def test_a_robot_may_not_fall_and_one_that_is_calibrated_keeps_all():
+    kept, missed, fallen = ({"seed": i, "stands": i < 2, "is_kept": i < 1} for i in range(3))
+    sound, _, rough = ride.CASES
+    assert not list(ride.verdict([Row(sound, [kept]), Row(rough, [kept, missed])]))
+    assert list(ride.verdict([Row(sound, [kept, missed]), Row(rough, [missed, fallen])])) == [
+        f"{sound}: not as it should be with the seeds 1",
+        f"{rough}: fallen are the seeds 2",
+    ]
+    assert list(ride.verdict([Row(sound, [{"seed": 0, "is_kept": False, "largest": 0.4}])]))
+
+
+def test_parity_tells_what_pytest_found_with_that_many_steps(monkeypatch, tmp_path):
+    path = tmp_path / "test_few.py"
+    path.write_text(
+        "import os, pytest\n"
+        "def test_same(): assert os.environ['PARITY_STEPS'] == '123'\n"
+        "@pytest.mark.parametrize('seed', [1, 2])\n"
+        "def test_seed(seed): assert seed == 1\n"
+        "def test_without_tools(): pytest.skip('none here')\n"
+    )
+    monkeypatch.setattr(parity, "TESTS", str(path))
+    record = parity.run(123, 0)
+    assert record == {
+        "seed": 0, "passed": 2, "failed": 1, "skipped": 1, "error": 0, "differing": "test_seed[2]",
+    }  # fmt: skip
+    assert list(parity.verdict([Row("long", [record])])) == ["long: 1 failed", "long: 1 skipped"]
+    assert not list(parity.verdict([Row("long", [record | {"failed": 0, "skipped": 0}])]))
+    monkeypatch.setattr(parity, "TESTS", str(tmp_path / "nowhere.py"))
+    with pytest.raises(RuntimeError, match="did not run"):
+        parity.run(123, 0)
 
 
 def test_rows_have_all_columns_whatever_the_number_of_processes():
