@@ -30,7 +30,7 @@ check: ## Formatting, lint, types, and that the documents tell the truth
 	.venv/bin/pyright
 	$(PYTHON) docs/check.py
 
-bench: ## A quick set of benchmarks with few seeds; BENCH="cycle real" runs those in full, BENCH=firmware all of its; `crunch bench --list`
+bench: ## A quick set of benchmarks; BENCH="cycle real" runs those in full, BENCH=firmware the firmware's; see `crunch bench --list`
 	@.ci/setup test
 	$(CRUNCH) bench --jobs 2 $(BENCH)
 

@@ -212,8 +212,8 @@ def notes(rows: list[Row]) -> Iterator[str]:
     )
     yield (
         f"Obeyed were {wrong} commands that the host had not sent, or to drive over a second before; it said {replays} "
-        f"old ones again. A stop is obeyed however old it is: {old_stops} were over a second. The silence itself is part "
-        "of the longest gap."
+        f"old ones again. A stop is obeyed however old it is: {old_stops} were over a second. The silence itself is "
+        "part of the longest gap."
     )
 
 
