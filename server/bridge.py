@@ -33,7 +33,6 @@ from server.words import CommandWord, PlainWord
 
 log = logging.getLogger(__name__)
 
-STEERING_PERIOD = 0.09  # s between two commands of the robot's own steering: the radio is narrow
 STATUS_EVERY = 8  # publications between two of the status when nothing calls for it
 
 
@@ -104,7 +103,6 @@ class Bridge:
         self.labels = Labels(self.note_label)
         self.clock: Callable[[], float] = next(iter(self.links.values())).now
         self.start = self.clock()
-        self.steered = -STEERING_PERIOD
         self.published = 0
         self.newest: Snapshot | None = None
         self.newest_at = -1.0
@@ -139,7 +137,6 @@ class Bridge:
         self.adviser.begin()
         self.labels = Labels(self.note_label)
         self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
-        self.steered = -STEERING_PERIOD
         self.newest, self.newest_at = None, -1.0
         drives_itself = self.virtual is not None and self.virtual.autopilot  # at the very start, if asked for
         has_autopilot, stopped_by = self.control.autopilot is not None, self.control.stopped_by
@@ -216,7 +213,7 @@ class Bridge:
         if self.control.autopilot:
             self.control.autopilot = False
         self.sync_autopilot()
-        self.control.wish = self.control.goal = None
+        self.control.forget()
         t = self.t
         self.tell([Stop(t)], t)
 
@@ -225,10 +222,7 @@ class Bridge:
     def tell(self, messages: list[Message], t: float) -> None:
         """Hand a person's messages to the robot."""
         for message in messages:
-            effects = self.session.command(message, t)  # type: ignore[arg-type]  # control only makes commands
-            if any(isinstance(effect, DriveCommand) for effect in effects):
-                self.steered = t  # the robot's own steering has just been said
-            self.obey(effects)
+            self.obey(self.session.command(message, t))  # type: ignore[arg-type]  # control only makes commands
 
     def obey(self, effects: list[Effect]) -> None:
         """Do what the robot decided."""
@@ -240,13 +234,8 @@ class Bridge:
                 self.estimator.submit(effect)
 
     def is_hasty(self, effect: Effect, t: float) -> bool:
-        """Whether the robot's own steering speaks again sooner than the radio should hear it."""
-        if not isinstance(effect, DriveCommand):
-            return False
-        if t - self.steered < STEERING_PERIOD:
-            return True
-        self.steered = t
-        return False
+        """Whether the robot's own steering speaks sooner than the radio should hear it."""
+        return isinstance(effect, DriveCommand) and not self.control.may_steer(t)
 
     def sync_autopilot(self) -> None:
         """Tell the virtual robot whether it drives itself."""

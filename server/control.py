@@ -4,12 +4,14 @@ Pure rules over time `t` in seconds; knows no socket and no robot. Anyone may st
 holds it, every word of the driver renews it for 0.3 s, and silence stops the robot. Others ask for it; the driver gives
 it or keeps it, and who does not answer loses it. After a stop nothing moves until the driver resumes. A word spoken in
 front of an old picture is refused, so that commands which a slow line kept back cannot move the robot late, and so is
-every word while the robot itself is silent. Uses its siblings `words` (what may be said) and `stops` (the log).
+every word while the robot itself is silent. However often the driver speaks, the radio hears the newest wish ten times
+a second, and a press or a halt at once. Uses its siblings `words` (what may be said) and `stops` (the log).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from pydantic import Field
 
@@ -26,13 +28,13 @@ class ControlParams(Params):
     idle: float = Field(default=5.0, gt=0.0)  # s of silence after which another viewer may simply drive
     patience: float = Field(default=10.0, gt=0.0)  # s within which the driver must answer who asks for control
     stale: float = Field(default=1.5, gt=0.0)  # s that the picture in front of the driver may be old
-    refresh: float = Field(default=0.1, gt=0.0)  # s between two commands to the board
+    refresh: float = Field(default=0.1, gt=0.0)  # s between two commands to the board, in the robot's time
     max_speed: float = Field(default=0.5, gt=0.0)  # m/s
     max_turn: float = Field(default=1.5, gt=0.0)  # rad/s
 
     def at_speed(self, speed: float) -> ControlParams:
         """The same rules for people when the session's time runs `speed` times as fast as theirs."""
-        times = ("lease", "idle", "patience", "stale", "refresh")
+        times = ("lease", "idle", "patience", "stale")
         return self.model_copy(update={name: speed * getattr(self, name) for name in times})
 
 
@@ -63,7 +65,9 @@ class Control:
         self.goal: Goal | None = None
         self.is_planned = False  # whether the way to the goal is to be planned on the map
         self.stopped_by: str | None = None
-        self.refreshed = -math.inf
+        self.refreshed = -math.inf  # when a drive command went out last, a person's or of the robot's own steering
+        self.began = -math.inf  # when a person's motion did
+        self.is_moving = False  # whether the newest wish that went out moves the robot
         self.read: float | None = None  # when the robot's newest reading was taken, as far as one is told
         self.stops = StopLog()
 
@@ -101,7 +105,7 @@ class Control:
                 return self._obey(viewer, word, t)
 
     def tick(self, t: float) -> list[Message]:
-        """To be called often: repeats the driver's wish, stops the robot when the driver is silent, ends a request."""
+        """To be called often within `refresh`: says the wish that is due, stops a silent driver, ends a request."""
         if self.asked_by is not None and t - self.asked_at >= self.params.patience:
             return self._hand_over(self.asked_by, t)
         if not self.has_lease(t):
@@ -111,10 +115,21 @@ class Control:
             if halted:
                 self.stops.note(t, "the driver fell silent", self.driver or "")
             return halted
-        if self.wish is None or t - self.refreshed < self.params.refresh:
-            return []
+        return [] if self.wish is None else self._say(self.wish, t)
+
+    def may_steer(self, t: float) -> bool:
+        """Whether a command of the robot's own steering goes out now; the next waits for it as for a person's.
+
+        While a person wishes something none does: the robot steers anew whenever the wish is said, which is as often.
+        """
+        if self.wish is not None or t - self.refreshed < self.params.refresh:
+            return False
         self.refreshed = t
-        return [Drive(t, self.wish.speed, self.wish.turn, self.wish.shared)]
+        return True
+
+    def forget(self) -> None:
+        """Nothing moves the robot by a person's will any more."""
+        self.wish, self.goal, self.is_moving = None, None, False
 
     def stop(self, viewer: str, t: float) -> list[Message]:
         """Stand still, and stay so until the driver resumes; from anyone, at any time."""
@@ -175,8 +190,19 @@ class Control:
         speed, turn = _clamp(word.speed, self.params.max_speed), _clamp(word.turn, self.params.max_turn)
         self.goal = None
         self.wish = Drive(t, speed, turn, word.shared)
-        self.refreshed = t
-        return [self.wish]
+        return self._say(self.wish, t)
+
+    def _say(self, wish: Drive, t: float) -> list[Message]:
+        """The wish, if the radio is to hear it now; otherwise `tick` comes back to it."""
+        moves = is_motion(wish)
+        is_halt, is_start = self.is_moving and not moves, moves and not self.is_moving
+        is_press = is_start and t - self.began >= 2.0 * self.params.refresh  # a program may flutter: no finger does
+        if not (is_halt or is_press or t - self.refreshed >= self.params.refresh):
+            return []
+        self.refreshed, self.is_moving = t, moves
+        if is_start:
+            self.began = t
+        return [replace(wish, t=t)]
 
     def _steer(self, viewer: str, word: GoalWord, t: float) -> list[Message]:
         self._check_fresh(word.seen, t)
@@ -184,7 +210,7 @@ class Control:
         self._lead(viewer, t)
         if self.autopilot:
             self.autopilot = False
-        self.wish = None
+        self.forget()
         self.goal = Goal(t, (word.x, word.y), min(word.speed, self.params.max_speed))
         self.is_planned = word.plan
         return [self.goal]
@@ -265,9 +291,14 @@ class Control:
 
     def _halt(self, t: float) -> list[Message]:
         """End whatever moves the robot by a person's will; a stop also makes the robot forget its goal."""
-        was_moving = bool(self.goal or (self.wish and (self.wish.speed or self.wish.turn)))
-        self.wish, self.goal = None, None
+        was_moving = self.goal is not None or (self.wish is not None and is_motion(self.wish))
+        self.forget()
         return [Stop(t)] if was_moving else []
+
+
+def is_motion(wish: Drive) -> bool:
+    """Whether a wish is more than to stand still."""
+    return wish.speed != 0.0 or wish.turn != 0.0
 
 
 def _clamp(value: float, limit: float) -> float:

@@ -1,11 +1,14 @@
 """A whole session by hand: the virtual robot obeys who may drive it, stands when nobody does, and a map grows."""
 
 import math
+import struct
 
 import numpy as np
 import pytest
 
+from server import channels
 from server.control import Refused
+from server.link import Decoder
 from server.stream import Viewer, decode
 from server.words import DriveWord, GoalWord, HoldWord, PlainWord
 from tests.server.live_session import HandSession
@@ -88,6 +91,52 @@ def test_the_robots_own_steering_speaks_no_faster_than_the_radio_bears():
         session.bridge.hear("anna", HoldWord(type="hold", seen=session.bridge.t))
         session.advance(0.1)
     assert 10 <= (session.bridge.session.sequence - before) % 256 <= 24, "about ten a second"
+
+
+@pytest.mark.parametrize("way", ["words", "shared words", "goal"])
+@pytest.mark.parametrize("period", [0.02, 0.08])
+def test_whoever_drives_the_radio_bears_ten_commands_a_second(way, period):
+    """A page says its wish every 80 ms, a program as often as it likes; sweeps steer to a goal, or bend the wish."""
+    session = HandSession()
+    session.advance(0.5)
+    told = commands_on(session)
+    if way == "goal":
+        session.bridge.hear("anna", GoalWord(type="goal", x=2.4, y=1.0, seen=session.bridge.t))
+    for _ in range(round(3.0 / period)):
+        t, is_shared = session.bridge.t, way == "shared words"
+        word = DriveWord(type="drive", speed=0.3, turn=0.5, seen=t, shared=is_shared)
+        session.bridge.hear("anna", HoldWord(type="hold", seen=t) if way == "goal" else word)
+        session.advance(period)
+    times = np.array([t for t, _ in told])
+    assert len(times) > 20, "and not much less"
+    assert max(((times >= start) & (times < start + 1.0 - 1e-9)).sum() for start in times) <= 10
+    assert np.diff(times).max() < 0.4 - 0.1, "s: the board is never near its own rule, even if one is lost"
+
+
+def test_a_tap_reaches_the_radio_at_once_and_so_does_its_end():
+    session = HandSession()
+    session.advance(0.5)
+    told = commands_on(session)
+    expected = []
+    for speed in (0.3, 0.0, 0.3, 0.0):
+        drive(session, speed)
+        expected.append((session.bridge.t, round(1000.0 * speed)))
+        assert told[-1] == expected[-1]
+        session.advance(0.06 if speed else 0.16)
+
+
+def commands_on(session: HandSession) -> list[tuple[float, int]]:
+    """The drive commands that go over the radio from now on: when, and at how many mm/s."""
+    told: list[tuple[float, int]] = []
+    write = session.link.write
+
+    def listen(data: bytes) -> bool:
+        frames = [frame for frame in Decoder().feed(data) if frame.channel == channels.DRIVE_COMMAND]
+        told.extend((session.bridge.t, struct.unpack_from("<h", frame.payload)[0]) for frame in frames)
+        return write(data)
+
+    session.link.write = listen
+    return told
 
 
 def test_halt_stands_the_robot_still_whatever_was_wished():

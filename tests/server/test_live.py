@@ -93,6 +93,7 @@ def test_a_world_without_room_for_a_tour_has_no_autopilot(monkeypatch, tmp_path)
 def test_people_have_the_same_time_in_a_fast_session():
     fast = ControlParams().at_speed(5.0)
     assert (fast.lease, fast.stale, fast.max_speed) == (1.5, 7.5, 0.5)
+    assert fast.refresh == ControlParams().refresh, "the radio and the board's own rule are in the robot's time"
 
 
 def test_demo_serves_records_and_leaves_in_order(tmp_path):
