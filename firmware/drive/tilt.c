@@ -24,13 +24,15 @@ static bool is_at_rail(uint16_t sum)
     return sum <= RAIL_LOW || sum >= RAIL_HIGH;
 }
 
-static void start_rest(struct tilt *tilt, float rate)
+static void start_rest(struct tilt *tilt, uint16_t gyro, float rate)
 {
     tilt->rest_sum = tilt->level_sum = 0.0f;
     tilt->rest_steps = 0;
     if (!tilt->is_rested)
         tilt->rest_rate = rate;
     tilt->rest_low = tilt->rest_high = tilt->rest_rate;
+    tilt->rest_gyro = gyro;
+    tilt->is_shivering = false;
 }
 
 void tilt_init(struct tilt *tilt)
@@ -77,7 +79,9 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
 {
     const float rate = raw_rate(sums);
     if (tilt->rest_steps == 0)
-        start_rest(tilt, rate);
+        start_rest(tilt, sums->gyro, rate);
+    if (sums->gyro != tilt->rest_gyro)
+        tilt->is_shivering = true;
     tilt->rest_rate += (rate - tilt->rest_rate) * (TILT_DT / STILL_TIME);
     if (!tilt->is_rested && tilt->rest_steps < SETTLING_STEPS)
         tilt->rest_low = tilt->rest_high = tilt->rest_rate;
@@ -87,14 +91,14 @@ bool tilt_rest(struct tilt *tilt, const struct inertial_sums *sums)
         tilt->rest_high = tilt->rest_rate;
     if (tilt->rest_high - tilt->rest_low > STILL_SPREAD) {
         tilt->is_rested = false;
-        start_rest(tilt, rate);
+        start_rest(tilt, sums->gyro, rate);
     }
     tilt->rest_sum += rate;
     tilt->level_sum += accelerometer_counts(sums);
     tilt->rest_steps++;
     if (tilt->rest_steps == TILT_REST_STEPS) {
         const float zero = tilt->rest_sum / (float)TILT_REST_STEPS;
-        const bool is_stuck = tilt->rest_high == tilt->rest_low || magnitude(zero) > MAX_ZERO;
+        const bool is_stuck = !tilt->is_shivering || magnitude(zero) > MAX_ZERO;
         tilt->rest_steps = 0; /* and learn on, second by second */
         if (tilt->rail_steps > 0 || is_stuck) { /* it would seem still */
             tilt->is_rested = false;

@@ -43,6 +43,8 @@ struct tilt {
     float rest_rate;     /* the raw rate, smoothed, */
     float rest_low;      /* and its extremes in this rest */
     float rest_high;
+    uint16_t rest_gyro;  /* the gyro's first sum of this rest; */
+    bool is_shivering;   /* it has shown another since, as any that works does */
     bool is_rested;      /* the zero is learned, and the body has been still since */
     uint16_t rail_steps; /* steps in a row with a sensor at an end of its range */
 };

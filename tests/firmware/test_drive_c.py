@@ -92,6 +92,17 @@ def test_a_gyro_that_is_dead_or_stuck_is_never_at_rest(zero, is_stuck):
     assert abs(tilt.gyro_zero) < 0.01
 
 
+def test_a_gyro_that_dies_at_rest_is_found_within_two_seconds():
+    tilt = FFI.new("struct tilt *")
+    LIB.tilt_init(tilt)
+    for _ in range(500):
+        assert LIB.tilt_rest(tilt, sums(zero=515.0)) == (tilt.is_rested == 1)
+    assert tilt.is_rested
+    said = [LIB.tilt_rest(tilt, sums(zero=516.0, is_stuck=True)) for _ in range(400)]
+    assert not said[-1]
+    assert not any(LIB.tilt_rest(tilt, sums(zero=516.0, is_stuck=True)) for _ in range(400))
+
+
 def test_a_builder_levels_a_crooked_accelerometer_at_rest():
     tilt = FFI.new("struct tilt *")
     LIB.tilt_init(tilt)
