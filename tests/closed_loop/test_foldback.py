@@ -12,12 +12,14 @@ from server.session import Session
 from slam.walls import extract
 
 DECKS = 0.076  # m, their radius
+ROLL = 0.02  # m that it rolls towards the wall when the hand lets go, which must not bring it nearer than sonars hear
 
 
 @pytest.mark.parametrize("gap", [0.02, 0.03, 0.04, 0.06, 0.08, 0.12])
 def test_a_near_wall_is_where_it_stands_and_nothing_is_free_beyond(gap):
     place = DECKS + gap
-    robot = VirtualCrunch(World(np.array([[place, -2.0, place, 2.0]]), np.zeros(3)), seed=3, drift="none")
+    start = np.array([-ROLL, 0.0, 0.0])
+    robot = VirtualCrunch(World(np.array([[place, -2.0, place, 2.0]]), start), seed=3, drift="none")
     params = config.load({}).crunch
     fold = Crunch(params)
     session = Session(fold, params.calibration)
@@ -28,5 +30,6 @@ def test_a_near_wall_is_where_it_stands_and_nothing_is_free_beyond(gap):
             walls = extract(fold.local_map, fold.odometry, params.walls)
             looks.append(np.array([walls.distances[0], walls.free[0]]) - (place - robot.pose[0]))
     distance, free = np.transpose(looks)
-    assert np.max(np.abs(distance)) < 0.05  # two cells: a sonar's arc, which the sway of standing blurs but little
+    assert np.median(np.abs(distance)) < 0.04
+    assert np.max(np.abs(distance)) < 0.05  # two cells
     assert np.max(free) < 0.5 * fold.local_map.resolution
