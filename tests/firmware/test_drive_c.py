@@ -96,10 +96,10 @@ def test_a_gyro_that_dies_at_rest_is_found_within_two_seconds():
     tilt = FFI.new("struct tilt *")
     LIB.tilt_init(tilt)
     for _ in range(500):
-        assert LIB.tilt_rest(tilt, sums(zero=515.0)) == (tilt.is_rested == 1)
+        LIB.tilt_rest(tilt, sums(zero=515.0))
     assert tilt.is_rested
-    said = [LIB.tilt_rest(tilt, sums(zero=516.0, is_stuck=True)) for _ in range(400)]
-    assert not said[-1]
+    for _ in range(400):
+        LIB.tilt_rest(tilt, sums(zero=516.0, is_stuck=True))
     assert not any(LIB.tilt_rest(tilt, sums(zero=516.0, is_stuck=True)) for _ in range(400))
 
 
