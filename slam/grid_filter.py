@@ -66,7 +66,9 @@ class GridFilterParams(Params):
     step_turn: float = Field(default=0.5, ge=0.0)  # or rad
     trust: float = Field(default=0.02, gt=0.0, le=1.0)  # in a scan match's information, for its ends err together
     slack: tuple[float, float, float] = (0.1, 0.1, 0.05)  # m, m, rad that a match may be off however sure it is
-    threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which they resample
+    threshold: float = Field(
+        default=0.5, ge=0.0, le=1.0
+    )  # effective sample size, of the particles, below which they resample
     free: float = Field(default=0.4, ge=0.0)  # log odds that a beam takes from a cell it passes,
     occupied: float = Field(default=0.9, ge=0.0)  # and adds to the one it ends in,
     most: float = Field(default=4.0, gt=0.0)  # up to this

@@ -20,8 +20,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field",
         "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.hypotheses", "slam.laser_scan", "slam.local_map",
-        "slam.loop_measurements", "slam.map_alignment", "slam.map_matching", "slam.motion", "slam.odometry_chain",
-        "slam.odometry_noise", "slam.particles", "slam.path_tree", "slam.planning", "slam.pose_covariance",
+        "slam.loop_measurements", "slam.map_alignment", "slam.map_matching", "slam.motion",
+        "slam.motor_curve", "slam.mouse_odometry", "slam.odometry_chain", "slam.odometry_noise", "slam.particles",
+        "slam.path_tree", "slam.planning", "slam.pose_covariance",
         "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.scan_matching", "slam.sonar_noise",
         "slam.suggestions", "slam.sweep_filling", "slam.thinning", "slam.timeline", "slam.trajectory",
         "slam.tree_map", "slam.uncertainty", "slam.variance_components", "slam.vfh", "slam.wall_direction",
