@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import subprocess
 import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
-from bench.benchmark import Bench, Column, Record, Row, each, figures, runs
+from bench.benchmark import Bench, Column, Record, Row, each, figures, runs, values_of
 from bench.boards import Rider, hall
 from firmware.virtual.avr.programs import Imu, programs
 from server.channels import DRIVE, SENSOR
@@ -86,6 +87,17 @@ def of(key: str, whole: int):
     return text
 
 
+LIMITS = {"flash": 0.5 * FLASH, "ram": 0.6 * RAM, "step": 0.4 * STEP_CYCLES, "awake": 0.4 * STEP_CYCLES}
+
+
+def verdict(rows: list[Row]) -> Iterator[str]:
+    """Half of the flash, three fifths of the RAM and two fifths of a step must do."""
+    for row in rows:
+        for key, most in LIMITS.items():
+            if (worst := max(values_of(row, key))) >= most:
+                yield f"{row.name}: {key} is {worst:,}, not below {most:,.0f}"
+
+
 BOARDS = {
     "drive board": Board("drive", DRIVE),
     "drive board, IMU=mpu6050": Board("drive", DRIVE, "mpu6050"),
@@ -109,4 +121,5 @@ BENCH = Bench(
     minutes=1,
     is_timed=True,
     heading="program",
+    verdict=verdict,
 )

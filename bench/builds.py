@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from bench.benchmark import Bench, Column, Record, each, runs, tails
+from bench.benchmark import Bench, Column, Record, Row, each, runs, tails, values_of
 from firmware.virtual import Build, VirtualCrunch, corridor_cycle, corridor_plan
 
 SECONDS = 60.0
 STEP = 0.02  # s between two looks at the lean
+FARTHEST = 20.0  # mm that two robots of the same C may be apart, for bytes on the line come to one a little later
+FALLEN = 0.7  # rad
 
 
 def drive(build: Build, drift: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -33,7 +37,17 @@ def run(drift: str, seed: int) -> Record:
         "turned": float(turned.max()),
         "lean": 1000.0 * float(np.sqrt(np.mean(host_leans**2))),
         "lean_avr": 1000.0 * float(np.sqrt(np.mean(avr_leans**2))),
+        "fell": bool(max(np.abs(host_leans).max(), np.abs(avr_leans).max()) > FALLEN),
     }
+
+
+def verdict(rows: list[Row]) -> Iterator[str]:
+    """Neither may fall, nor may they part."""
+    for row in rows:
+        if any(values_of(row, "fell")):
+            yield f"{row.name}: a robot fell"
+        if max(values_of(row, "apart_mm")) > FARTHEST:
+            yield f"{row.name}: the builds part by more than {FARTHEST:g} mm"
 
 
 BENCH = Bench(
@@ -50,4 +64,5 @@ BENCH = Bench(
     seeds=10,
     minutes=3,
     heading="minute's drive",
+    verdict=verdict,
 )

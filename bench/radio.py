@@ -28,6 +28,7 @@ PER_SECOND = 10  # commands
 MOTION = 30  # commands, after which it drives otherwise
 STOPS = 0.05  # share of the motions that are a stop
 REPLAY_AGES = (2.0, 60.0)  # s
+BACK = 1.0  # s within which the host knows a board that speaks again
 SETTLED = 30.0  # s after which the host knows the boards' clocks
 FAULT_PERIOD, FAULT_BEGIN, FAULT_END = 60, 20, 40  # s
 
@@ -193,10 +194,14 @@ def stood(row: Row) -> str:
 
 
 def verdict(rows: list[Row]) -> Iterator[str]:
-    """No robot may fall, obey what was not meant, or speak while its other board does."""
+    """No robot may fall, obey nothing or what was not meant, speak while its other board does, or stay unknown."""
     for row in rows:
         if not all(values_of(row, "stood")):
             yield f"{row.name}: a robot fell"
+        if not all(values_of(row, "obeyed")):
+            yield f"{row.name}: nothing was obeyed"
+        if any(back > BACK for back in values_of(row, "back")):
+            yield f"{row.name}: a board that spoke again was not known within {BACK:g} s"
         for key, what in (
             ("wrong", "commands were obeyed wrongly"),
             ("collisions", "bytes of the two boards overlapped"),

@@ -7,7 +7,7 @@
 #define REST_TIME_CONSTANT 0.25f /* s; while still, the accelerometer is right */
 #define STILL_SPREAD 0.05f   /* rad/s between extremes of the smoothed rate: one ADC count is 0.0068 */
 #define STILL_TIME 0.1f      /* s of smoothing: a hand trembles, and the gyro hisses, by as much as STILL_SPREAD and more */
-#define SETTLING_STEPS 20    /* of a rest, until what is smoothed has forgotten its first, raw reading */
+#define SETTLING_STEPS 20    /* of a rest, until a third is left of the raw reading that smoothing begins with */
 #define MAX_ZERO 0.36f       /* rad/s: the gyro's 0.2 V are 0.28, the MPU-6050's 20 deg/s 0.35 */
 #define MAX_LEVEL 41.0f      /* counts from the middle, 0.2 g: a part beyond it is broken, or held askew */
 #define ONE_READING (1.0f / (float)TILT_OVERSAMPLING) /* of a sum; divisions take thrice as long */

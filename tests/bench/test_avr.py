@@ -2,7 +2,8 @@
 
 import pytest
 
-from bench.avr import BOARDS, FLASH, RAM, STEP_CYCLES, run
+from bench.avr import BOARDS, FLASH, RAM, STEP_CYCLES, run, verdict
+from bench.benchmark import Row
 from tests.firmware.avr_tools import need_simavr
 
 
@@ -14,3 +15,9 @@ def test_half_of_flash_and_three_fifths_of_ram_and_two_fifths_of_a_step_are_enou
     assert record["ram"] < 0.6 * RAM
     assert record["step"] < 0.4 * STEP_CYCLES
     assert record["awake"] < 0.4 * STEP_CYCLES
+    assert list(verdict([Row(name, [record])])) == []
+
+
+def test_a_program_that_takes_more_is_told():
+    too_much = {"flash": FLASH // 2, "ram": 1229, "step": 32_000, "awake": 32_000}
+    assert len(list(verdict([Row("drive board", [too_much])]))) == 4

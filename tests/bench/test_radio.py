@@ -132,3 +132,12 @@ def test_the_verdict_names_what_no_robot_may_do():
     assert list(radio.verdict([Row("a", bad), Row("fine", [good])])) == [
         "a: a robot fell", "a: 2 commands were obeyed wrongly", "a: 3 bytes of the two boards overlapped",
     ]  # fmt: skip
+
+
+SOUND = {"stood": True, "wrong": 0, "collisions": 0, "obeyed": 900, "back": 0.06}
+
+
+@pytest.mark.parametrize("harm", [{"stood": False}, {"wrong": 1}, {"collisions": 2}, {"obeyed": 0}, {"back": math.inf}])
+def test_the_verdict_tells_each_harm_once(harm):
+    assert not list(radio.verdict([Row("good", [SOUND, {**SOUND, "back": None}])]))
+    assert len(list(radio.verdict([Row("bad", [SOUND, {**SOUND, **harm}])]))) == 1

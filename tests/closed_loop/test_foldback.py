@@ -12,7 +12,7 @@ from server.session import Session
 from slam.walls import extract
 
 DECKS = 0.076  # m, their radius
-ROLL = 0.02  # m that it rolls towards the wall when the hand lets go, which must not bring it nearer than sonars hear
+ROLL = 0.02  # m farther off: let go, it rolls 2 to 4 cm, and must not come nearer than sonars hear
 
 
 @pytest.mark.parametrize("gap", [0.02, 0.03, 0.04, 0.06, 0.08, 0.12])

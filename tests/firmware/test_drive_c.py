@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware.virtual.native import native
+from tests.firmware.virtual_wire import LAYOUTS, STATUS, Decoder
 
 FFI, LIB, _ = native()
 ARMED, LINK_LOST = 1, 3
@@ -245,7 +247,20 @@ def test_telemetry_keeps_its_rates_and_tells_a_change_at_once():
     LIB.telemetry_init(telemetry)
     due = [LIB.telemetry_step(telemetry, ARMED) for _ in range(2000)]  # 10 s
     assert due[0] & 2
-    counts = [sum(bool(d & bit) for d in due[1:]) for bit in (1, 2, 4, 8)]
-    assert counts == [499, 20, 10, 10]
+    counts = [sum(bool(d & bit) for d in due[1:]) for bit in (1, 2, 4, 8, 16)]
+    assert counts == [499, 20, 10, 10, 10]
     assert all(bin(d & ~1).count("1") <= 1 for d in due[1:])  # the slow ones never meet
     assert LIB.telemetry_step(telemetry, LINK_LOST) & 2
+
+
+@pytest.mark.parametrize(
+    ("rejected", "refused", "told"), [(3, 4, 7), (65_000, 1_000, 65_535), (65_535, 0, 65_535), (65_535, 65_535, 65_535)]
+)
+def test_what_was_not_understood_is_told_as_one_number_that_stays_at_its_maximum(rejected, refused, told):
+    store, outbox, teller = FFI.new("uint8_t[256]"), FFI.new("struct outbox *"), FFI.new("struct teller *")
+    LIB.outbox_init(outbox, store, 256)
+    LIB.teller_init(teller, 1, FFI.new("struct boot *"), outbox)
+    LIB.teller_tell_status(teller, 0, 0, rejected, refused)
+    sent = FFI.new("uint8_t[64]")
+    [frame] = Decoder().feed(bytes(FFI.buffer(sent, LIB.outbox_take(outbox, sent))))
+    assert struct.unpack(LAYOUTS[STATUS], frame.payload)[7] == told

@@ -380,20 +380,25 @@ def test_wishes_are_kept_within_limits(speed, turn):
 
 
 WISHES = st.sampled_from(
-    ["drive", "goal", "hold", "stop", "resume", "ask", "give", "keep", "release", "cancel", "leave", "wait"]
-)
+    [
+        "drive", "zero", "goal", "hold", "stop", "resume", "ask", "give", "keep", "release", "cancel", "leave",
+        "disarm", "wait",
+    ]
+)  # fmt: skip
+PAUSES = st.sampled_from([0.0, 0.01, 0.04, 0.09, 0.16, 0.4])  # s
 
 
-@given(st.lists(st.tuples(st.sampled_from("ab"), WISHES), max_size=40))
+@given(st.lists(st.tuples(st.sampled_from("ab"), WISHES, PAUSES), max_size=40))
 def test_whatever_is_said_nothing_moves_longer_than_a_lease_after_the_last_word(story):
-    """After any story, once 0.3 s have passed in silence the last command that went out was none that moves."""
-    helm, t, is_moving = control(), 0.0, False
-    for viewer, wish in [*story, ("a", "wait"), ("a", "wait")]:
-        t += 0.16
+    """Nor after its driver has ended it in any way: the last that the robot was told is then nothing that moves."""
+    helm, t, moves = control(), 0.0, False
+    for viewer, wish, pause in [*story, ("a", "wait", 0.31)]:
+        t += pause
         words = {
-            "drive": drive(t), "goal": goal(t), "hold": HoldWord(type="hold", seen=t),
-            "give": GiveWord(type="give", to="ab".replace(viewer, "")),
+            "drive": drive(t), "zero": drive(t, STILL), "goal": goal(t), "hold": HoldWord(type="hold", seen=t),
+            "give": GiveWord(type="give", to="ab".replace(viewer, "")), "disarm": ArmWord(type="arm", armed=False),
         }  # fmt: skip
+        is_driver = viewer == helm.driver
         try:
             if wish == "wait":
                 sent = helm.tick(t)
@@ -404,8 +409,35 @@ def test_whatever_is_said_nothing_moves_longer_than_a_lease_after_the_last_word(
         except Refused:
             continue
         for message in sent:
-            is_moving = isinstance(message, Drive | Goal)
-    assert not is_moving
+            if isinstance(message, Drive):
+                moves = (message.speed, message.turn) != STILL
+            elif isinstance(message, Goal | Stop):
+                moves = isinstance(message, Goal)
+        if wish == "stop" or (is_driver and wish in ("release", "cancel", "leave", "disarm")):
+            assert not moves
+    assert not moves
+
+
+def test_a_goal_that_was_driven_over_without_a_word_on_the_radio_ends_with_its_driver():
+    """A press, a goal, and a press so soon after the first that it waits; then its driver has gone."""
+    helm = control()
+    helm.hear("a", drive(0.00), 0.00)
+    assert isinstance(helm.hear("a", goal(0.05), 0.05)[0], Goal)
+    assert helm.hear("a", drive(0.06), 0.06) == []
+    assert helm.hear("a", drive(0.07, STILL), 0.07) == [Drive(0.07, 0.0, 0.0)]  # it ends what the robot was told
+    helm.hear("a", goal(0.08), 0.08)
+    assert helm.hear("a", drive(0.09), 0.09) == []
+    assert helm.leave("a", 0.10) == [Stop(0.10)]
+
+
+def test_what_the_robot_was_never_told_needs_no_stop():
+    helm = control()
+    helm.hear("a", drive(0.00), 0.00)
+    helm.hear("a", drive(0.01, STILL), 0.01)
+    for n in range(50):
+        t = 0.02 + 1e-3 * n
+        assert helm.hear("a", drive(t), t) == []
+        assert helm.hear("a", plain("cancel"), t) == []
 
 
 @pytest.mark.parametrize(
