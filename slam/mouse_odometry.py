@@ -21,7 +21,7 @@ from slam.params import Params
 class MouseParams(Params):
     """Where a mouse sits on the robot, which way its own x axis points, and what it counts."""
 
-    x: float  # m ahead of the middle of the axle
+    x: float = 0.1  # m ahead of the middle of the axle
     y: float = 0.0  # m to the left of it
     angle: float = 0.0  # rad, of the mouse's x axis from the robot's
     counts_per_metre: float = Field(default=31_500.0, gt=0.0)  # 800 an inch
@@ -30,7 +30,7 @@ class MouseParams(Params):
 class MouseOdometryParams(Params):
     """The mice, and when one of them is not believed."""
 
-    mice: tuple[MouseParams, ...] = Field(min_length=1, max_length=32)
+    mice: tuple[MouseParams, ...] = Field(default=(MouseParams(),), min_length=1, max_length=32)
     sideways: float = Field(default=0.002, gt=0.0)  # m that a step of the robot may slip sideways
     noise: float = Field(default=0.0005, gt=0.0)  # m of each axis of a mouse in a step,
     scale_noise: float = Field(default=0.02, ge=0.0)  # and as a share of the way it tells
