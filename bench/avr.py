@@ -67,14 +67,17 @@ def run(board: Board, seed: int) -> Record:
 
 
 def adjust(rider: Rider, board: str) -> None:
-    """Everything that `crunch board` may ask of it, and that it answers."""
+    """Everything that `crunch board` may ask of it; RuntimeError for what it does not answer."""
     rider.wait(PATIENCE)
     wishes = [("ask", 0.0), ("set", 20.0), ("store", 0.0), ("built in", 0.0)]
     if board == "drive":
         wishes += [("level", 0.0), ("zero gyro", 0.0)]
     for verb, value in wishes:
+        rider.setting = ()
         rider.send(AdjustCommand(board, verb, "odometry_ms", value))
         rider.wait(PATIENCE)
+        if not rider.setting:
+            raise RuntimeError(f"the {board} board does not answer `{verb}`")
 
 
 def of(key: str, whole: int):

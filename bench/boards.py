@@ -15,7 +15,19 @@ from firmware.virtual.avr import AvrCrunch
 from firmware.virtual.avr.programs import Imu
 from firmware.virtual.host import HostCrunch
 from firmware.virtual.variation import Variation
-from server.channels import BALANCE, DRIVE, LAST_WORDS, REASONS, SENSOR, STATES, STATUS, Refused, encode_command, read
+from server.channels import (
+    BALANCE,
+    DRIVE,
+    LAST_WORDS,
+    REASONS,
+    SENSOR,
+    SETTING,
+    STATES,
+    STATUS,
+    Refused,
+    encode_command,
+    read,
+)
 from server.link import Decoder, Frame, encode
 from server.messages import ArmCommand, Command, DriveCommand
 
@@ -55,6 +67,7 @@ class Rider:
         self.balance: tuple = ()  # newest raw payloads,
         self.statuses: dict[int, tuple] = {}  # these by board
         self.last_words: tuple = ()
+        self.setting: tuple = ()
         self.wish = (0.0, 0.0)
         self.is_silent = True
         self.echo_ms = 0
@@ -77,6 +90,8 @@ class Rider:
             self.balance = values
         elif frame.channel == LAST_WORDS:
             self.last_words = values
+        elif frame.channel == SETTING:
+            self.setting = values
         elif frame.channel == STATUS:
             self.statuses[frame.source] = values
 

@@ -67,8 +67,7 @@ class Control:
         self.stopped_by: str | None = None
         self.refreshed = -math.inf  # when a drive command went out last, a person's or of the robot's own steering
         self.began = -math.inf  # when a person's motion did
-        self.is_moving = False  # whether the newest wish that went out moves the robot
-        self.is_led = False  # whether the robot was told a goal, and nothing else since
+        self.told: Drive | Goal | None = None  # what the robot moves by, as it was told last
         self.read: float | None = None  # when the robot's newest reading was taken, as far as one is told
         self.stops = StopLog()
 
@@ -110,7 +109,7 @@ class Control:
         if self.asked_by is not None and t - self.asked_at >= self.params.patience:
             return self._hand_over(self.asked_by, t)
         if not self.has_lease(t):
-            if not (self.wish or self.is_led):
+            if not (self.wish or self.told):
                 return []
             halted = self._halt(t)
             if halted:
@@ -130,7 +129,7 @@ class Control:
 
     def forget(self) -> None:
         """Nothing moves the robot by a person's will any more."""
-        self.wish, self.goal, self.is_moving, self.is_led = None, None, False, False
+        self.wish = self.goal = self.told = None
 
     def stop(self, viewer: str, t: float) -> list[Message]:
         """Stand still, and stay so until the driver resumes; from anyone, at any time."""
@@ -157,7 +156,7 @@ class Control:
 
     def arrive(self) -> None:
         """The robot has reached its goal and forgotten it."""
-        self.goal, self.is_led = None, False
+        self.goal = self.told = None
 
     def _obey(self, viewer: str, word: PlainWord, t: float) -> list[Message]:
         match word.type:
@@ -196,11 +195,11 @@ class Control:
     def _say(self, wish: Drive, t: float) -> list[Message]:
         """The wish, if the radio is to hear it now; otherwise `tick` comes back to it."""
         moves = is_motion(wish)
-        is_halt, is_start = (self.is_moving or self.is_led) and not moves, moves and not self.is_moving
+        is_halt, is_start = self.told is not None and not moves, moves and not isinstance(self.told, Drive)
         is_press = is_start and t - self.began >= 2.0 * self.params.refresh  # a program may flutter: no finger does
         if not (is_halt or is_press or t - self.refreshed >= self.params.refresh):
             return []
-        self.refreshed, self.is_moving, self.is_led = t, moves, False
+        self.refreshed, self.told = t, wish if moves else None
         if is_start:
             self.began = t
         return [replace(wish, t=t)]
@@ -212,9 +211,8 @@ class Control:
         if self.autopilot:
             self.autopilot = False
         self.forget()
-        self.goal = Goal(t, (word.x, word.y), min(word.speed, self.params.max_speed))
+        self.goal = self.told = Goal(t, (word.x, word.y), min(word.speed, self.params.max_speed))
         self.is_planned = word.plan
-        self.is_led = True
         return [self.goal]
 
     def _hold(self, viewer: str, word: HoldWord, t: float) -> list[Message]:
@@ -293,7 +291,7 @@ class Control:
 
     def _halt(self, t: float) -> list[Message]:
         """End whatever moves the robot by a person's will, if it was told; a stop makes it forget its goal, too."""
-        was_moving = self.is_moving or self.is_led
+        was_moving = self.told is not None
         self.forget()
         return [Stop(t)] if was_moving else []
 

@@ -30,7 +30,6 @@ from slam.scan_matching import ScanMatchingParams, match_scans, turned
 from slam.tree_map import TreeMaps, clear, hit
 
 OFFSET = 3  # stream of random numbers; the streams before it are of x, y and heading
-UNMOVED = 1e8  # information on the pose of a first scan
 LEAST = np.array([0.01, 0.01, 0.005])  # m, m, rad: standard deviations of an odometry that did not move
 COARSEST = 64  # beams, of which one clears the cells next to the laser
 
@@ -138,6 +137,7 @@ class GridFilter:
     ):
         self.params = params
         self.bearings = np.asarray(bearings, float)
+        self.spacing = float(np.median(np.diff(self.bearings))) if len(self.bearings) > 1 else 1.0  # rad
         self.mount = np.asarray(mount, float)
         self.seed = seed
         self.threads = threads
@@ -265,9 +265,8 @@ class GridFilter:
             transform(self.poses, self.mount[:2]), transform(poses, cleared), transform(poses, scan.points)
         )
         rule = tree_map.Rule(params.free, params.occupied, params.most, params.memory)
-        spacing = float(np.median(np.diff(self.bearings))) if len(self.bearings) > 1 else 1.0
         self.on_all(lambda first, end: draw_maps(
-            self.maps.cells, scan, cleared, self.mount, self.poses, rule, spacing, first, end
+            self.maps.cells, scan, cleared, self.mount, self.poses, rule, self.spacing, first, end
         ))  # fmt: skip
 
     def on_all(self, task: Callable[[int, int], None]) -> None:

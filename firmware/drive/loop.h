@@ -53,7 +53,7 @@ enum command_kind drive_loop_receive(struct drive_loop *loop, uint8_t byte);
  * balanced worse with every millisecond that passes. */
 void drive_loop_step(struct drive_loop *loop, const struct drive_samples *samples);
 
-/* After each step: what is due of the telemetry; returns the set of frames told. */
+/* After each step: what is due of the telemetry, and the answer to a zeroing; returns the set of the frames due. */
 uint8_t drive_loop_tell(struct drive_loop *loop, const struct drive_samples *samples);
 
 #endif
