@@ -1,6 +1,8 @@
 """A laser's sweep as points on walls: where its beams ended, and which way the walls stand there.
 
-Knows of no map and no robot; angles and ranges come in, points in the robot's frame go out.
+A laser's beams are rays of a full circle around it, of which the others saw nothing (`slam.walls.Walls`), so that a
+vertex of a robot with a laser is like any other. Knows of no map; all is in the laser's frame. Uses its sibling
+`walls`.
 """
 
 from __future__ import annotations
@@ -10,20 +12,41 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from pydantic import Field
+
+from slam.params import Params
+from slam.walls import Walls
 
 NEIGHBOURS = 3  # on either side, at most, that tell a wall's direction
 APART = 4.0  # times that two beams part, and neighbouring ends may still be one wall
 FLATTEST = 0.1  # variance of a wall's ends across it, of that along it, at most
 
 
-class Scan(NamedTuple):
-    """Ends of beams (n, 2) in the robot's frame by ascending bearing, and unit normals (n, 2) towards the laser.
+MOST_RAYS = 3600  # of a full circle
+EXACT = math.radians(0.02)  # that a beam may lie off its ray
 
-    A normal of zeros is that of an end that tells of no wall's direction.
+
+class ScanParams(Params):
+    """What of a laser's sweep is believed."""
+
+    max_range: float = Field(default=20.0, gt=0.0)  # m; farther ends are not looked at
+    free_range: float = Field(default=8.0, ge=0.0)  # m up to which beams are known to be free
+    jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring ends of one wall
+
+
+class Scan(NamedTuple):
+    """Ends of beams (n, 2) by ascending bearing from behind the laser, and unit normals (n, 2) towards it.
+
+    A normal of zeros is that of an end that tells of no wall's direction. The ends are `ranges` (n,) off along
+    `bearings` (n,). `swept` (k, 2) are how far beams went freely, by ascending bearing too, `spacing` rad apart.
     """
 
     points: np.ndarray
     normals: np.ndarray
+    bearings: np.ndarray
+    ranges: np.ndarray
+    swept: np.ndarray
+    spacing: float
 
 
 @njit(cache=True, inline="always")
@@ -72,15 +95,44 @@ def scan_normals(points, ways, ranges, spacing, jump):
     return normals
 
 
-def scan_of(ranges: np.ndarray, bearings: np.ndarray, mount: np.ndarray, max_range: float, jump: float) -> Scan:
-    """The scan of ranges (n,) at ascending bearings (n,) of a laser at `mount` (3,) on the robot.
+def rays_of(bearings: np.ndarray) -> tuple[int, np.ndarray]:
+    """How many rays a full circle has of which bearings (n,) are some, and which (n,); ValueError where none has."""
+    bearings = np.asarray(bearings, float)
+    turn = 2.0 * np.pi
+    spacings = np.diff(np.sort(bearings))
+    if not len(spacings) or not np.min(spacings) > 0.0:
+        raise ValueError("a laser has two beams at least, each with a bearing of its own")
+    least = max(8, round(turn / float(np.min(spacings))) - 1)
+    for n_rays in range(least, MOST_RAYS + 1):
+        rays = np.rint(bearings * n_rays / turn).astype(int)
+        if np.max(np.abs(rays * turn / n_rays - bearings)) < EXACT and len(np.unique(rays % n_rays)) == len(rays):
+            return n_rays, rays % n_rays
+    raise ValueError(f"no circle of up to {MOST_RAYS} rays has all of these bearings")
 
-    What is no number, 0 or less, or not below `max_range` is left out; ends nearer than `jump` (m) may be one wall.
+
+def walls_of(ranges: np.ndarray, n_rays: int, rays: np.ndarray) -> Walls:
+    """The walls that beams with ranges (n,) met along the `rays` (n,) of a full circle of `n_rays`.
+
+    What is no number, 0 or less was not measured. A beam that met nothing is not known to be free either: a wall may be
+    too dark to be seen.
     """
-    seen = np.nan_to_num(np.asarray(ranges, float), nan=np.inf)
-    met = (seen > 0.0) & (seen < max_range)
-    angles = mount[2] + bearings[met]
-    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    spacing = float(np.median(np.diff(bearings))) if len(bearings) > 1 else 0.0
-    points = mount[:2] + seen[met, None] * ways
-    return Scan(points, scan_normals(points, ways, seen[met], spacing, jump))
+    ranges = np.nan_to_num(np.asarray(ranges, float), nan=np.inf, posinf=np.inf)
+    distances = np.full(n_rays, np.inf)
+    distances[rays] = np.where(ranges > 0.0, ranges, np.inf)
+    return Walls(distances, np.where(np.isfinite(distances), distances, 0.0))
+
+
+def scan_of(walls: Walls, params: ScanParams) -> Scan:
+    """The scan of what a laser saw."""
+    n = walls.distances.size
+    order = np.arange(-(n // 2), n - n // 2)  # beams beside each other behind the laser are parted, not those ahead
+    bearings = 2.0 * np.pi * order / n
+    ways = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    ranges, free = walls.distances[order], walls.free[order]
+    is_end, is_swept = ranges < params.max_range, free > 0.0
+    swept = np.minimum(free[is_swept], params.free_range)[:, None] * ways[is_swept]
+    steps = np.diff(np.flatnonzero(is_end | is_swept))
+    spacing = 2.0 * np.pi / n * (float(np.median(steps)) if len(steps) else 1.0)
+    points = ranges[is_end, None] * ways[is_end]
+    normals = scan_normals(points, ways[is_end], ranges[is_end], spacing, params.jump)
+    return Scan(points, normals, bearings[is_end], ranges[is_end], swept, spacing)

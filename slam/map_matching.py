@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 
+from slam.params import Params
 from slam.scan_matching import add_term, begin_terms, mirror, solved, turned
 from slam.tree_map import HITS, MASK, NONE, NORMAL_X, NORMAL_Y, X, Y, cell_of, patch_at
 
@@ -34,6 +36,21 @@ class Rule(NamedTuple):
     sigma: float
     kernel: float
     unknown: float
+
+
+class LayParams(Params):
+    """How scans are laid onto maps."""
+
+    rounds: int = Field(default=12, ge=1, le=1000)  # of finding walls and solving, at most
+    first_reach: float = Field(default=4.0, gt=0.0)  # cells around an end that its wall is looked for in, at first
+    last_reach: float = Field(default=2.5, gt=0.0)  # cells, in the end
+    sigma: float = Field(default=0.15, gt=0.0)  # m of an end off its wall; large, for a wall's ends err together
+    kernel: float = Field(default=0.15, gt=0.0)  # m off a wall from which an end counts less
+    unknown: float = Field(default=0.25, ge=0.0)  # nats that an end costs where nothing was seen yet
+
+    def rule(self) -> Rule:
+        """The same, for the kernel."""
+        return Rule(self.rounds, self.first_reach, self.last_reach, self.sigma, self.kernel, self.unknown)
 
 
 @njit(cache=True, inline="always")

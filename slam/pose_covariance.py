@@ -95,7 +95,7 @@ class Covariances:
         takahashi(lower.indptr, lower.indices, lower.data, self.factor.U.diagonal(), inverse)
         blocks = np.zeros((len(self.poses), 3, 3))
         diagonal_blocks(lower.indptr, lower.indices, inverse, self.factor.perm_r, blocks[1:])
-        against = self.against.reshape(-1, 3, self.shared.shape[0])
+        against = self.against.reshape(len(self.poses) - 1, 3, self.shared.shape[0])
         blocks[1:] += np.einsum("nig,gh,njh->nij", against, self.shared, against)
         return blocks + self.seats
 

@@ -132,8 +132,9 @@ class NormalEquations:
 
         Ordered for little fill, and pivoted on the diagonal only, since the matrix is symmetric and positive.
         """
-        grown = self.matrix + sparse.diags_array(damping * self.matrix.diagonal() + 1e-9)
-        return splu(grown.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        grown = self.matrix.copy()  # a sum would drop zeros, and with them the symmetry that the order relies on
+        grown.setdiag(grown.diagonal() + (damping * grown.diagonal() + 1e-9))
+        return splu(grown, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def step(self, damping: float) -> tuple[np.ndarray, np.ndarray]:
         """Change of the poses (n, 3) and of the shared unknowns (g,), with `damping` as a share of the diagonal."""

@@ -139,7 +139,7 @@ class RefinedFilter:
             starts = {island: paths[island] for island in (believed, *others)}
         best = starts[believed]
         if is_quick and self.correction is not None and is_like(self.correction.before, best):
-            starts[believed] = self.correction.apply(best, best, np.arange(len(best)))
+            starts[believed] = corrected(self.correction, best)
         return starts
 
     def refinement(self) -> Refinement:
@@ -185,11 +185,9 @@ class RefinedFilter:
         now = self.path_filter.estimate(max_particles)
         if self.correction is None:
             return now
-        depths = np.arange(len(now.path))
-        newest = np.full(len(now.particles), depths[-1])
+        newest = np.full(len(now.particles), len(now.path) - 1)
         return now._replace(
-            path=self.correction.apply(now.path, now.path, depths),
-            particles=self.correction.apply(now.path, now.particles, newest),
+            path=corrected(self.correction, now.path), particles=self.correction.apply(now.path, now.particles, newest)
         )
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
@@ -197,25 +195,38 @@ class RefinedFilter:
         now = self.path_filter.uncertainty(n_leaves)
         if self.correction is None:
             return now
-        best = self.path_filter.estimate(1).path
-        n_new = len(best) - len(self.correction.after)
-        branches = now.branches
-        if branches is not None:
-            branches = branches._replace(poses=self.correction.apply(best, branches.poses, branches.depths))
-        return Uncertainty(
-            np.pad(self.correction.deviations, ((0, n_new), (0, 0)), "edge"),
-            np.pad(self.correction.revisit_spread, (0, n_new), "edge"),
-            branches,
-            "refinement",
-        )
+        return corrected_uncertainty(self.correction, now, self.path_filter.estimate(1).path)
+
+
+def corrected(correction: Correction, path: np.ndarray) -> np.ndarray:
+    """The filter's best path (n, 3), as corrected."""
+    return correction.apply(path, path, np.arange(len(path)))
+
+
+def corrected_uncertainty(correction: Correction, now: Uncertainty, best: np.ndarray) -> Uncertainty:
+    """How certain the corrected path's vertices are; the tree's branches move as the filter's best path (n, 3)."""
+    n_new = len(best) - len(correction.after)
+    branches = now.branches
+    if branches is not None:
+        branches = branches._replace(poses=correction.apply(best, branches.poses, branches.depths))
+    return Uncertainty(
+        np.pad(correction.deviations, ((0, n_new), (0, 0)), "edge"),
+        np.pad(correction.revisit_spread, (0, n_new), "edge"),
+        branches,
+        "refinement",
+    )
 
 
 def correction_of(refinement: Refinement, before: np.ndarray, after: Refined) -> Correction:
     """What becomes of the filter's path `before` (n, 3) by the refinement's last run, with its certainty."""
-    covariances = refinement.covariances(after)
+    return correction_by(refinement.covariances(after), before, after.path)
+
+
+def correction_by(covariances: Covariances, before: np.ndarray, after: np.ndarray) -> Correction:
+    """What becomes of the filter's path `before` (n, 3), with the certainty of what did."""
     marginals = covariances.marginals()
     seen = covariances.seen_from(len(before) - 1, marginals)
-    return Correction(before, after.path, covariances, deviations_of(marginals), spread_of(deviations_of(seen)))
+    return Correction(before, after, covariances, deviations_of(marginals), spread_of(deviations_of(seen)))
 
 
 def is_like(before: np.ndarray, best: np.ndarray) -> bool:

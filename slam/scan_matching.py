@@ -107,8 +107,9 @@ def reach_of(apart, radius):
 
 
 @njit(cache=True, inline="always")
-def partner(points, normals, bearings, x, y, nx, ny, gate, like):
+def partner(other, x, y, nx, ny, gate, like):
     """The nearest of the reference's points within `gate` whose normal is like (nx, ny); -1 where there is none."""
+    points, normals, bearings = other.points, other.normals, other.bearings
     radius, angle = math.hypot(x, y), math.atan2(y, x)
     reach = reach_of(gate, radius)
     middle = bearing_row(bearings, angle)
@@ -143,7 +144,7 @@ def solved(a, b):
 
 
 @njit(cache=True)
-def align(scan, other, bearings, pose, prior, rule, hessian):
+def align(scan, other, pose, prior, rule, hessian):
     """Move `pose` (3,) so that a scan's ends come to lie on the other's walls; how many found a partner last.
 
     Gauss-Newton steps of the squared distances across the other's walls (Censi 2008, equation 2), under Geman and
@@ -163,7 +164,7 @@ def align(scan, other, bearings, pose, prior, rule, hessian):
                 continue
             px, py = turned(cos, sin, scan.points[i, 0], scan.points[i, 1])
             x, y = px + pose[0], py + pose[1]
-            j = partner(other.points, other.normals, bearings, x, y, nx, ny, gate, rule.like)
+            j = partner(other, x, y, nx, ny, gate, rule.like)
             if j < 0:
                 continue
             met += 1
@@ -188,12 +189,11 @@ def match_scans(scan: Scan, other: Scan, guess: np.ndarray, prior: np.ndarray, p
 
     Where too few ends find partners, the guess is the answer.
     """
-    bearings = np.unwrap(np.arctan2(other.points[:, 1], other.points[:, 0]))
     pose, information = np.array(guess, float), np.array(prior, float)
     if not len(scan.points) or not len(other.points):
         return Match(pose, information, 0.0)
     rule = Rule(params.rounds, params.gate, params.last_gate, params.like, params.sigma)
-    met = align(scan, other, bearings, pose, np.array(prior, float), rule, information)
+    met = align(scan, other, pose, np.array(prior, float), rule, information)
     share = met / len(scan.points)
     if share < params.enough:
         return Match(np.array(guess, float), np.array(prior, float), share)

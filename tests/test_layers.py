@@ -18,12 +18,15 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
-        "slam.affinity", "slam.comparison", "slam.cost_grid", "slam.counter_random", "slam.distance_field",
-        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.hypotheses", "slam.laser_scan", "slam.local_map",
+        "slam.affinity", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
+        "slam.distance_field",
+        "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.hypotheses", "slam.laser_maps",
+        "slam.laser_odometry", "slam.laser_scan", "slam.local_map",
         "slam.loop_measurements", "slam.map_alignment", "slam.map_matching", "slam.motion",
         "slam.motor_curve", "slam.mouse_odometry", "slam.odometry_chain", "slam.odometry_noise", "slam.particles",
         "slam.path_tree", "slam.planning", "slam.pose_covariance",
-        "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.scan_matching", "slam.sonar_noise",
+        "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.scan_agreement",
+        "slam.scan_matching", "slam.scan_motion", "slam.sonar_noise",
         "slam.suggestions", "slam.sweep_filling", "slam.thinning", "slam.timeline", "slam.trajectory",
         "slam.tree_map", "slam.uncertainty", "slam.variance_components", "slam.vfh", "slam.wall_direction",
         "slam.wall_matching", "slam.walls",
@@ -35,7 +38,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.link", "server.messages",
         "server.presets", "server.recording", "server.transport", "server.words", "slam.bundle",
         "slam.bundled_islands", "slam.grid_filter", "slam.islands", "slam.local_search", "slam.path_filter",
-        "slam.refined_filter", "slam.refinement",
+        "slam.refined_filter", "slam.refined_grid_filter", "slam.refinement", "slam.scan_graph",
     ),
     (
         "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.odometry",

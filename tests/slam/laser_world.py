@@ -4,10 +4,13 @@ import itertools
 
 import numpy as np
 
+from slam.laser_scan import ScanParams, rays_of, scan_of, walls_of
 from slam.pose import between, compose
 
 BEARINGS = np.radians(np.arange(-90.0, 90.0, 1.0))
 MAX_RANGE = 20.0
+N_RAYS, RAYS = rays_of(BEARINGS)
+SCAN = ScanParams()
 
 
 def box(x, y, width, height):
@@ -35,6 +38,16 @@ def ranges_of(pose, walls, rng=None, bearings=BEARINGS, noise=0.01):
     if rng is not None:
         ranges = ranges + noise * rng.standard_normal(ranges.shape)
     return np.where(ranges < MAX_RANGE, ranges, np.inf)
+
+
+def seen_at(pose, walls, seed=0, noise=0.01):
+    """The vertex's walls that a laser at `pose` (3,) sees of walls (m, 4)."""
+    return walls_of(ranges_of(pose, walls, np.random.default_rng(seed), noise=noise), N_RAYS, RAYS)
+
+
+def scan_at(pose, walls, seed=0, noise=0.01):
+    """The scan of it."""
+    return scan_of(seen_at(pose, walls, seed, noise), SCAN)
 
 
 def around(laps=1.0, step=0.2):

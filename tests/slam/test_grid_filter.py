@@ -4,24 +4,26 @@ import numpy as np
 import pytest
 
 from slam.evaluate import absolute_error
-from slam.grid_filter import GridFilter, GridFilterParams
+from slam.grid_filter import GridFilter, GridFilterParams, draw_pose
+from slam.laser_scan import walls_of
+from slam.scan_motion import OdometryNoise
 from slam.tree_map import NONE
-from tests.slam.laser_world import BEARINGS, around, odometry_of, ranges_of, ring
+from tests.slam.laser_world import N_RAYS, RAYS, around, odometry_of, ring, seen_at
 
-STILL = np.zeros(3)
+WHEELS = OdometryNoise()  # as bad as they are, without a laser's own odometry
 
 
 def drive(laps=1.3, seed=0):
     """True poses, odometry, and what the laser saw."""
     rng = np.random.default_rng(seed)
     poses = around(laps)
-    return poses, odometry_of(poses, rng), [ranges_of(pose, ring(), rng) for pose in poses]
+    return poses, odometry_of(poses, rng), [seen_at(pose, ring(), 1000 * seed + k) for k, pose in enumerate(poses)]
 
 
 def run(odometry, scans, particles=8, seed=0, threads=1):
-    path_filter = GridFilter(GridFilterParams(particles=particles), BEARINGS, STILL, seed, threads)
-    for pose, ranges in zip(odometry, scans, strict=True):
-        path_filter.extend(pose, ranges)
+    path_filter = GridFilter(GridFilterParams(particles=particles, odometry=WHEELS), seed, threads)
+    for pose, walls in zip(odometry, scans, strict=True):
+        path_filter.extend(pose, walls)
     return path_filter
 
 
@@ -30,17 +32,17 @@ def test_a_ring_is_mapped_though_the_odometry_is_lost(seed):
     poses, odometry, scans = drive(seed=seed)
     path_filter = run(odometry, scans, seed=seed)
     assert absolute_error(odometry, poses).translation.rmse > 0.5
-    found = absolute_error(path_filter.path(), poses)
+    found = absolute_error(path_filter.estimate().path, poses)
     assert found.translation.rmse < 0.1
     assert found.rotation.max < 0.1
-    assert path_filter.n_scans == len(poses)
+    assert path_filter.vertices == len(poses)
 
 
 def test_the_map_shows_the_walls_once_and_the_floor_free():
     poses, odometry, scans = drive()
     path_filter = run(odometry, scans)
     grid = path_filter.maps.grid(path_filter.best())
-    assert path_filter.path()[0] == pytest.approx(poses[0], abs=1e-6)
+    assert path_filter.estimate().path[0] == pytest.approx(poses[0], abs=1e-6)
     rows, columns = np.nonzero(grid.cells > 1.0)
     xs, ys = grid.x + (columns + 0.5) * grid.resolution, grid.y + (rows + 0.5) * grid.resolution
     walls = ring()
@@ -56,9 +58,9 @@ def test_the_map_shows_the_walls_once_and_the_floor_free():
 def test_threads_change_nothing_and_seeds_do():
     _, odometry, scans = drive(laps=0.3)
     first, second, third = (run(odometry, scans, 5, seed, threads) for seed, threads in ((1, 1), (1, 2), (2, 1)))
-    assert first.path().tobytes() == second.path().tobytes()
+    assert first.estimate().path.tobytes() == second.estimate().path.tobytes()
     assert first.maps.grid(0).cells.tobytes() == second.maps.grid(0).cells.tobytes()
-    assert first.path().tobytes() != third.path().tobytes()
+    assert first.estimate().path.tobytes() != third.estimate().path.tobytes()
 
 
 def test_memory_grows_with_the_map_and_not_with_the_particles():
@@ -72,8 +74,8 @@ def test_memory_grows_with_the_map_and_not_with_the_particles():
 
 def test_scans_of_nothing_are_survived_on_the_odometry_alone():
     odometry = np.column_stack([np.arange(10) * 0.2, np.zeros(10), np.zeros(10)])
-    nothing = np.full(len(BEARINGS), np.inf)
-    path = run(odometry, [nothing] * 10, particles=1).path()
+    nothing = walls_of(np.full(len(RAYS), np.inf), N_RAYS, RAYS)
+    path = run(odometry, [nothing] * 10, particles=1).estimate().path
     assert np.all(np.isfinite(path))
     assert path[-1, 0] > 0.9
 
@@ -81,12 +83,32 @@ def test_scans_of_nothing_are_survived_on_the_odometry_alone():
 def test_poses_that_are_no_numbers_are_refused_and_nothing_is_taken_up():
     _, odometry, scans = drive(laps=0.1)
     path_filter = run(odometry, scans, 2)
-    before = path_filter.n_scans
-    with pytest.raises(ValueError, match="must be numbers"):
+    before = path_filter.vertices
+    with pytest.raises(ValueError, match="must be finite"):
         path_filter.extend(np.array([0.0, np.nan, 0.0]), scans[0])
-    assert path_filter.n_scans == before
+    assert path_filter.vertices == before
 
 
 def test_there_is_no_path_before_the_first_scan():
-    with pytest.raises(RuntimeError, match="no scan"):
-        GridFilter(GridFilterParams(), BEARINGS, STILL).path()
+    with pytest.raises(RuntimeError, match="no vertex"):
+        GridFilter(GridFilterParams()).estimate()
+
+
+def test_poses_are_drawn_by_the_information_on_them():
+    root = np.array([[30.0, 0.0, 0.0], [10.0, 20.0, 0.0], [-40.0, 25.0, 90.0]])
+    hessian = root @ root.T
+    drawn = np.zeros((20_000, 3))
+    densities = [draw_pose(pose, hessian, 7, 3, particle) for particle, pose in enumerate(drawn)]
+    assert np.abs(drawn.mean(axis=0) / drawn.std(axis=0)).max() < 0.03
+    whitened = drawn @ root
+    assert np.cov(whitened.T) == pytest.approx(np.eye(3), abs=0.04)
+    assert densities == pytest.approx([0.5 * np.linalg.slogdet(hessian)[1]] * len(drawn))
+
+
+def test_the_best_particle_is_one_that_its_map_bears_out():
+    poses, _, scans = drive(laps=0.5)
+    path_filter = run(poses[:-1], scans[:-1], particles=20)
+    path_filter.poses[10:, 1] += 0.35
+    path_filter.extend(poses[-1], scans[-1])
+    assert abs(float(path_filter.poses[path_filter.best(), 1] - poses[-1, 1])) < 0.2  # of 0.35
+    assert path_filter.effective < 15.0 or path_filter.resamplings > 0

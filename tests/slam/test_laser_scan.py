@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
-from slam.laser_scan import scan_of
-from slam.pose import compose, transform
-from tests.slam.laser_world import BEARINGS, box, ranges_of
+from slam.laser_scan import ScanParams, rays_of, scan_of, walls_of
+from slam.pose import transform
+from tests.slam.laser_world import BEARINGS, N_RAYS, RAYS, SCAN, box, ranges_of, scan_at
 
-STILL = np.zeros(3)
+
+def of_ranges(ranges, params=SCAN):
+    return scan_of(walls_of(ranges, N_RAYS, RAYS), params)
 
 
 def test_normals_stand_across_the_walls_and_look_to_the_laser():
     pose = np.array([1.0, 2.0, 0.4])
-    scan = scan_of(ranges_of(pose, box(-3.0, -2.0, 8.0, 7.0)), BEARINGS, STILL, 20.0, 0.15)
+    scan = scan_at(pose, box(-3.0, -2.0, 8.0, 7.0), noise=0.0)
     assert len(scan.points) == len(BEARINGS)
     world = transform(pose * [0.0, 0.0, 1.0], scan.normals)
     known = np.hypot(*scan.normals.T) > 0.0
@@ -23,25 +25,60 @@ def test_normals_stand_across_the_walls_and_look_to_the_laser():
     assert np.all(np.sum(scan.points * scan.normals, axis=1)[known] < 0.0)
 
 
-def test_ends_are_where_they_were_measured_from_wherever_the_laser_sits():
-    pose, mount = np.array([0.5, -0.3, 1.1]), np.array([0.15, 0.02, 0.2])
-    walls = box(-4.0, -4.0, 8.0, 8.0)
-    scan = scan_of(ranges_of(compose(pose, mount), walls), BEARINGS, mount, 20.0, 0.15)
-    ends = transform(pose, scan.points)
-    assert np.abs(ends).max(axis=1) == pytest.approx(4.0, abs=1e-9)
+def test_ends_are_where_they_were_measured_and_told_both_ways():
+    pose = np.array([0.5, -0.3, 1.1])
+    ranges = ranges_of(pose, box(-4.0, -4.0, 8.0, 8.0))
+    scan = of_ranges(ranges)
+    assert np.abs(transform(pose, scan.points)).max(axis=1) == pytest.approx(4.0, abs=1e-9)
+    assert scan.ranges == pytest.approx(ranges, abs=1e-12)
+    assert scan.bearings == pytest.approx(BEARINGS, abs=1e-12)
+    assert scan.spacing == pytest.approx(np.radians(1.0))
 
 
-def test_what_is_no_echo_is_left_out():
+def test_what_is_no_echo_is_left_out_and_what_was_passed_is_swept():
     ranges = np.full(len(BEARINGS), 3.0)
     ranges[:6] = [np.nan, np.inf, 0.0, -1.0, 20.0, 25.0]
-    assert len(scan_of(ranges, BEARINGS, STILL, 20.0, 0.15).points) == len(BEARINGS) - 6
-    nothing = scan_of(np.full(3, np.inf), BEARINGS[:3], STILL, 20.0, 0.15)
-    assert nothing.points.shape == nothing.normals.shape == (0, 2)
+    scan = of_ranges(ranges)
+    assert len(scan.points) == len(BEARINGS) - 6
+    assert np.hypot(*scan.swept.T) == pytest.approx([8.0, 8.0] + [3.0] * (len(BEARINGS) - 6))
+    assert len(of_ranges(ranges, ScanParams(max_range=2.0)).points) == 0
+    nothing = of_ranges(np.full(len(BEARINGS), np.inf))
+    assert nothing.points.shape == nothing.normals.shape == nothing.swept.shape == (0, 2)
 
 
 def test_lonely_ends_and_scattered_ones_tell_of_no_direction():
     rng = np.random.default_rng(3)
     far_apart = np.where(np.arange(len(BEARINGS)) % 2, 2.0, 4.0)
-    assert not np.any(scan_of(far_apart, BEARINGS, STILL, 20.0, 0.15).normals)
+    assert not np.any(of_ranges(far_apart).normals)
     bush = 2.0 + 0.1 * rng.uniform(-1.0, 1.0, len(BEARINGS))
-    assert np.mean(np.any(scan_of(bush, BEARINGS, STILL, 20.0, 0.3).normals, axis=1)) < 0.6
+    assert np.mean(np.any(of_ranges(bush, ScanParams(jump=0.3)).normals, axis=1)) < 0.6
+
+
+@pytest.mark.parametrize(
+    ("bearings_deg", "n_rays"),
+    [
+        (np.arange(-90.0, 90.0), 360),
+        (np.arange(-90.0, 90.5, 0.5), 720),
+        (np.arange(-90.0, 90.0) + 0.5, 720),  # rays start ahead, so that every second one has a beam
+        ((np.arange(682) - 341) * 360.0 / 1024.0, 1024),
+        (np.linspace(-135.0, 135.0, 1081), 1440),
+        (np.arange(-180.0, 180.0), 360),
+    ],
+)
+def test_beams_are_rays_of_a_full_circle(bearings_deg, n_rays):
+    bearings = np.radians(bearings_deg)
+    n, rays = rays_of(bearings)
+    assert n == n_rays
+    assert len(np.unique(rays)) == len(rays)
+    off = np.angle(np.exp(1j * (2.0 * np.pi * rays / n - bearings)))
+    assert np.abs(off).max() < np.radians(0.03)
+    ranges = np.linspace(1.0, 4.0, len(bearings))
+    scan = scan_of(walls_of(ranges, n, rays), SCAN)
+    assert sorted(scan.ranges) == pytest.approx(sorted(ranges))
+    assert scan.spacing == pytest.approx(np.median(np.diff(bearings)), rel=0.01)
+
+
+@pytest.mark.parametrize("bearings", [[], [0.1], [0.0, np.nan], [0.0, 0.0, 1.0], [0.0, 0.001, 2.2]])
+def test_bearings_of_no_circle_are_refused(bearings):
+    with pytest.raises(ValueError, match="bearing"):
+        rays_of(np.array(bearings))

@@ -3,22 +3,17 @@
 import numpy as np
 import pytest
 
-from slam.laser_scan import scan_of
-from slam.map_matching import Rule, lay, wall_near
+from slam.laser_scan import scan_of, walls_of
+from slam.map_matching import LayParams, lay, wall_near
 from slam.pose import between, compose, transform
 from slam.tree_map import MASK, TreeMaps, clear, hit
 from slam.tree_map import Rule as MapRule
 from tests.naive import map_matching as naive
-from tests.slam.laser_world import BEARINGS, ranges_of, ring
+from tests.slam.laser_world import N_RAYS, RAYS, SCAN, ring, scan_at
 
 MAP = MapRule(0.4, 0.9, 4.0, 500.0)
-RULE = Rule(12, 4.0, 2.5, 0.15, 0.15, 0.25)
-STILL = np.zeros(3)
+RULE = LayParams().rule()
 FREE = np.diag([1e-3, 1e-3, 1e-3])
-
-
-def scan_at(pose, seed):
-    return scan_of(ranges_of(pose, ring(), np.random.default_rng(seed)), BEARINGS, STILL, 20.0, 0.15)
 
 
 def drawn():
@@ -26,7 +21,7 @@ def drawn():
     maps = TreeMaps(1, 0.05)
     for step in range(8):
         pose = np.array([1.0 + 0.2 * step, 1.0, 0.02 * step])
-        scan = scan_at(pose, step)
+        scan = scan_at(pose, ring(), step)
         ends = transform(pose, scan.points)
         maps.prepare(pose[None, :2], ends[None], ends[None])
         for end, normal in zip(ends, transform(pose * [0.0, 0.0, 1.0], scan.normals), strict=True):
@@ -59,7 +54,7 @@ def test_the_wall_near_a_point_is_that_of_all_surfels_around():
 def test_a_scan_is_laid_where_it_was_taken(seed):
     rng = np.random.default_rng(seed)
     maps, pose = drawn(), np.array([1.9, 1.05, 0.1])
-    scan = scan_at(pose, 100 + seed)
+    scan = scan_at(pose, ring(), 100 + seed)
     off = rng.uniform([-0.1, -0.1, -0.06], [0.1, 0.1, 0.06])
     there, hessian = compose(pose, off), np.empty((3, 3))
     cost = lay(maps.cells, 0, scan, there, FREE, RULE, hessian)
@@ -73,7 +68,7 @@ def test_a_scan_is_laid_where_it_was_taken(seed):
 
 def test_the_cost_tells_walls_missing_in_free_space_from_those_in_the_unknown():
     maps = drawn()
-    scan = scan_at(np.array([1.6, 1.0, 0.1]), 5)
+    scan = scan_at(np.array([1.6, 1.0, 0.1]), ring(), 5)
     tight, hessian = 1e9 * np.eye(3), np.empty((3, 3))
     unknown = lay(maps.cells, 0, scan, np.array([100.0, 100.0, 0.0]), tight, RULE, hessian)
     assert unknown == pytest.approx(RULE.unknown * len(scan.points))
@@ -94,7 +89,7 @@ def test_the_cost_tells_walls_missing_in_free_space_from_those_in_the_unknown():
 
 def test_an_empty_scan_stays_where_it_is_thought_to_be():
     pose, hessian = np.array([1.0, 2.0, 0.3]), np.empty((3, 3))
-    nothing = scan_of(np.full(3, np.inf), BEARINGS[:3], STILL, 20.0, 0.15)
+    nothing = scan_of(walls_of(np.full(len(RAYS), np.inf), N_RAYS, RAYS), SCAN)
     assert lay(drawn().cells, 0, nothing, pose, FREE, RULE, hessian) == 0.0
     assert np.array_equal(pose, [1.0, 2.0, 0.3])
     assert np.array_equal(hessian, FREE)

@@ -1,0 +1,101 @@
+"""A filter of grids whose estimate is its best path with its loops closed by the scan graph.
+
+The filter itself goes on undisturbed. `refine` takes a second or two for a thousand vertices, and is called when there
+is time for it; `estimate` hangs vertices that came since on the refined path's end. Uses its siblings `grid_filter`,
+`refined_filter`, for what a correction is, and `scan_graph`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.grid_filter import GridFilter
+from slam.path_filter import PathEstimate
+from slam.refined_filter import SHARE, Correction, corrected, corrected_uncertainty, correction_by
+from slam.scan_graph import Beat, ScanGraph, ScanGraphParams
+from slam.uncertainty import Uncertainty
+from slam.walls import Walls
+
+QUICK = 1  # round of a quick refinement
+
+
+class RefinedGridFilter:
+    """Extends a filter of grids by `refine`; the rest of its face stays the same."""
+
+    def __init__(self, path_filter: GridFilter, params: ScanGraphParams):
+        self.path_filter = path_filter
+        self.params = params
+        self.odometry: list[np.ndarray] = []
+        self.correction: Correction | None = None
+        self.n_refined = 0  # vertices that the last refinement knew
+        self.is_quick = False  # whether it was a quick one
+
+    @property
+    def n_particles(self) -> int:
+        """How many particles there are now."""
+        return self.path_filter.n_particles
+
+    def resize(self, n_particles: int) -> None:
+        """Go on with another number of particles."""
+        self.path_filter.resize(n_particles)
+
+    def extend(self, pose: np.ndarray, walls: Walls, travelled: float | None = None) -> None:
+        """Add a vertex at `pose` (3,) of the odometry frame that saw `walls`, `travelled` m after the last one."""
+        self.path_filter.extend(pose, walls, travelled)
+        self.odometry.append(np.array(pose, float))
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether `refine` would tell more than the last refinement did."""
+        if self.params.rounds == 0:
+            return False
+        return len(self.odometry) > max(1, self.n_refined) or self.is_quick
+
+    @property
+    def is_due(self) -> bool:
+        """Whether enough vertices came since the last refinement that a quick one pays."""
+        n = len(self.odometry)
+        return self.is_rough and n - self.n_refined > SHARE * n
+
+    def refine(self, is_quick: bool = False, beat: Beat = lambda: None) -> None:
+        """Bring the refined path up to date: a function of the vertices alone, whatever was refined before.
+
+        A quick one goes on from the last, and looks for loops once. `beat` is called now and then.
+        """
+        if not self.is_rough:
+            return
+        before = self.path_filter.estimate(1).path.astype(float)
+        is_fresh = not is_quick or self.correction is None
+        start = before if is_fresh or self.correction is None else corrected(self.correction, before)
+        graph = ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params)
+        after = graph.refine(start, None if is_fresh else QUICK, beat)
+        self.correction = correction_by(graph.covariances(after), before, after)
+        self.n_refined, self.is_quick = len(self.odometry), not is_fresh
+
+    def prepare(self) -> None:
+        """Compile or load every kernel that any call needs, so that the first takes no longer than others."""
+        params = self.path_filter.params.model_copy(update={"particles": 2, "threshold": 1.0})
+        small = RefinedGridFilter(GridFilter(params), self.params.model_copy(update={"gap": 1}))
+        walls = Walls(np.full(64, 1.0), np.full(64, 1.0))
+        for step in range(20):
+            small.extend(np.array([0.02 * step, 0.0, 0.0]), walls, 0.02)
+        small.refine()
+        small.estimate()
+        small.uncertainty(1)
+
+    def estimate(self, max_particles: int = 500) -> PathEstimate:
+        """What is known now, the path as refined last; RuntimeError before the first vertex."""
+        now = self.path_filter.estimate(max_particles)
+        if self.correction is None:
+            return now
+        newest = np.full(len(now.particles), len(now.path) - 1)
+        return now._replace(
+            path=corrected(self.correction, now.path), particles=self.correction.apply(now.path, now.particles, newest)
+        )
+
+    def uncertainty(self, n_leaves: int) -> Uncertainty:
+        """How certain the refined path's vertices are, and the tree's branches where they lie about it."""
+        now = self.path_filter.uncertainty(n_leaves)
+        if self.correction is None:
+            return now
+        return corrected_uncertainty(self.correction, now, self.path_filter.estimate(1).path)

@@ -1,0 +1,128 @@
+"""Refine a laser's path where it comes back: least squares over scans that see the same walls from two visits.
+
+Scans of neighbouring visits are aligned point-to-line from where the path has them (`slam.scan_matching`). In a
+building with many like corners that also succeeds where it must not, so that an alignment counts only if neither scan
+sees through the other's walls. What is left, and the odometry between vertices, are the edges of a pose graph, under a
+kernel that lets wrong ones go. Rounds begin wide, for paths that are off by metres, and end narrow. Uses its siblings
+`scan_agreement`, `scan_matching`, `wall_matching`, which chooses the pairs, `pose_graph` and `pose_covariance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from pydantic import Field
+
+from slam.laser_scan import Scan
+from slam.params import Params
+from slam.pose import between, wrap
+from slam.pose_covariance import Covariances
+from slam.pose_graph import Border, LoopEdges, NormalEquations, Terms
+from slam.scan_agreement import AgreementParams, do_agree
+from slam.scan_matching import ScanMatchingParams, match_scans
+from slam.wall_matching import near_pairs
+
+Beat = Callable[[], None]
+
+LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
+
+
+class ScanGraphParams(Params):
+    """How scans of different visits are compared; `rounds = 0` switches it off."""
+
+    rounds: int = Field(default=4, ge=0, le=100)  # pairs are chosen and aligned anew in each
+    steps: int = Field(default=20, ge=1, le=1000)  # of the search in a round, at most
+    range: float = Field(default=4.0, gt=0.0)  # m between scans that are aligned in the first round,
+    last_range: float = Field(default=1.5, gt=0.0)  # m, and in the last
+    gate: float = Field(default=2.0, gt=0.0)  # m between an end and its wall before they are aligned, at first,
+    last_gate: float = Field(default=0.5, gt=0.0)  # m, and in the end
+    visits: int = Field(default=6, ge=1, le=1000)  # earlier visits that a scan is compared with, the nearest first
+    gap: int = Field(default=20, ge=1)  # vertices that must lie between them
+    distance: float = Field(default=0.02, gt=0.0)  # m by which the odometry errs between two vertices,
+    turn: float = Field(default=0.005, gt=0.0)  # and rad
+    trust: float = Field(default=0.02, gt=0.0, le=1.0)  # in a match's information, for its ends err together
+    kernel: float = Field(
+        default=10.0, gt=0.0
+    )  # standard deviations from which an edge counts less and less, at first,
+    last_kernel: float = Field(default=3.0, gt=0.0)  # and in the end
+    matching: ScanMatchingParams = ScanMatchingParams(enough=0.3)  # but for its gate
+    agreement: AgreementParams = AgreementParams()
+
+
+class ScanGraph:
+    """The graph of vertices that stand at `odometry` (n, 3) and took `scans`."""
+
+    def __init__(self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams):
+        self.params = params
+        self.scans = scans
+        n = len(scans)
+        motions = between(odometry[:-1], odometry[1:])
+        precision = np.diag(np.array([params.distance, params.distance, params.turn]) ** -2.0)
+        chain = np.column_stack([np.arange(n - 1), np.arange(1, n)])
+        self.chain = LoopEdges(chain, motions, np.tile(precision, (n - 1, 1, 1)))
+        self.loops = no_edges()
+
+    def refine(self, path: np.ndarray, rounds: int | None = None, beat: Beat = lambda: None) -> np.ndarray:
+        """A better path (n, 3), in the last few `rounds` if not in all; `beat` is called now and then."""
+        path, last = np.array(path, float), self.params.rounds
+        for round_ in range(0 if rounds is None else max(0, last - rounds), last if len(path) > 1 else 0):
+            self.associate(path, round_ / max(1, last - 1), beat)
+            path = self.descend(path)
+            beat()
+        return path
+
+    def associate(self, path: np.ndarray, done: float, beat: Beat = lambda: None) -> None:
+        """Find the loops at a path (n, 3); bounds have narrowed by the share `done` of the rounds."""
+        params = self.params
+        reach = params.range * (params.last_range / params.range) ** done
+        gate = params.gate * (params.last_gate / params.gate) ** done
+        kernel = params.kernel * (params.last_kernel / params.kernel) ** done
+        pairs = np.empty((len(path) * params.visits, 2), np.int64)
+        pairs = pairs[: near_pairs(path, reach, params.visits, params.gap, pairs)]
+        guesses = between(path[pairs[:, 0]], path[pairs[:, 1]])
+        prior = np.diag(np.array([0.35 * gate, 0.35 * gate, 0.1]) ** -2.0)
+        matching = params.matching.model_copy(update={"gate": gate})
+        found = []
+        for row, (first, second) in enumerate(pairs):
+            scan, other = self.scans[second], self.scans[first]
+            match = match_scans(scan, other, guesses[row], prior, matching)
+            if match.share >= matching.enough and do_agree(scan, other, match.pose, params.agreement):
+                found.append((row, match.pose, params.trust * (match.information - prior) + 1e-6 * np.eye(3)))
+            if row % 256 == 0:
+                beat()
+        if not found:
+            self.loops = no_edges()
+            return
+        rows, motions, precisions = (np.array(column) for column in zip(*found, strict=True))
+        self.loops = LoopEdges(pairs[rows], motions, precisions, kernel)
+
+    def linearize(self, path: np.ndarray) -> tuple[float, NormalEquations]:
+        """Cost and normal equations at a path (n, 3)."""
+        parts = [edges.terms(path) for edges in (self.chain, self.loops)]
+        terms = Terms(*(np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)))
+        return sum(part[0] for part in parts), NormalEquations(path, terms, Border.zeros(len(path), 0))
+
+    def descend(self, path: np.ndarray) -> np.ndarray:
+        """The path (n, 3) after at most `steps` of Levenberg and Marquardt; the cost never rises."""
+        damping, (cost, equations) = 1e-6, self.linearize(path)
+        for _ in range(self.params.steps):
+            trial = path + equations.step(damping)[0]
+            trial[:, 2] = wrap(trial[:, 2])
+            found, there = self.linearize(trial)
+            if not found < cost:
+                damping = max(1e-3, damping) * 10.0
+                continue
+            gain, path, cost, equations, damping = cost - found, trial, found, there, 0.1 * damping
+            if gain < LEAST_GAIN * cost:
+                break
+        return path
+
+    def covariances(self, path: np.ndarray) -> Covariances:
+        """How certain the poses of a path (n, 3) are that came of the last round."""
+        return Covariances(self.linearize(path)[1])
+
+
+def no_edges() -> LoopEdges:
+    """Of no loop."""
+    return LoopEdges(np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))

@@ -1,0 +1,74 @@
+"""The scan graph closes loops that are off by metres, lets wrong ones go, and tells how certain the path is."""
+
+import numpy as np
+import pytest
+
+from slam.evaluate import absolute_error
+from slam.pose import between, compose
+from slam.scan_graph import ScanGraph, ScanGraphParams
+from tests.slam.laser_world import around, odometry_of, ring, scan_at
+
+SMALL = {"turn_noise": 0.01, "distance_noise": 0.02}
+
+
+def drive(seed=0, bias=0.01, laps=1.6):
+    poses = around(laps, step=0.4)
+    odometry = odometry_of(poses, np.random.default_rng(seed), bias=bias, **SMALL)
+    return poses, odometry, [scan_at(pose, ring(), 100 * seed + k) for k, pose in enumerate(poses)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_path_that_comes_back_metres_off_is_closed(seed):
+    poses, odometry, scans = drive(seed)
+    assert np.hypot(*between(compose(odometry[0], between(poses[0], poses[-1])), odometry[-1])[:2]) > 1.0
+    graph = ScanGraph(odometry, scans, ScanGraphParams())
+    path = graph.refine(odometry)
+    assert len(graph.loops.pairs) > 20
+    assert absolute_error(path, poses).translation.rmse < 0.06
+    assert absolute_error(path, poses).translation.rmse < 0.1 * absolute_error(odometry, poses).translation.rmse
+
+
+def test_a_good_path_stays_good_and_the_second_visit_falls_on_the_first():
+    poses, odometry, scans = drive(5, bias=0.0)
+    path = ScanGraph(odometry, scans, ScanGraphParams()).refine(poses)
+    assert absolute_error(path, poses).translation.max < 0.08
+
+
+def test_loops_where_scans_see_through_walls_are_not_believed():
+    """With the agreement of views off, corners that look alike are taken for each other."""
+    poses, odometry, scans = drive(0)
+
+    def wrong(params):
+        graph = ScanGraph(odometry, scans, params)
+        graph.associate(odometry, 0.0)
+        first, second = graph.loops.pairs.T
+        off = between(between(poses[first], poses[second]), graph.loops.motions)
+        return np.sum(np.hypot(off[:, 0], off[:, 1]) > 0.5), len(first)
+
+    (strict, n_strict), (blind, n_blind) = wrong(ScanGraphParams()), wrong(credulous())
+    assert strict < 0.5 * blind
+    assert n_strict > 0.8 * n_blind
+
+
+def credulous():
+    params = ScanGraphParams()
+    return params.model_copy(update={"agreement": params.agreement.model_copy(update={"share": 1e-6, "overlap": 0.0})})
+
+
+def test_without_rounds_or_loops_the_path_is_the_guess():
+    poses, odometry, scans = drive(laps=0.3)
+    assert np.array_equal(ScanGraph(odometry, scans, ScanGraphParams(rounds=0)).refine(poses), poses)
+    assert ScanGraph(odometry, scans, ScanGraphParams()).refine(odometry) == pytest.approx(odometry, abs=1e-6)
+    assert np.array_equal(ScanGraph(odometry[:1], scans[:1], ScanGraphParams()).refine(odometry[:1]), odometry[:1])
+
+
+def test_what_was_seen_twice_is_more_certain():
+    poses, odometry, scans = drive()
+    open_graph, closed = (ScanGraph(odometry, scans, ScanGraphParams()) for _ in range(2))
+    path = closed.refine(odometry)
+    spread = [
+        np.trace(graph.covariances(path).marginals()[:, :2, :2], axis1=1, axis2=2) for graph in (open_graph, closed)
+    ]
+    assert spread[0][-1] > 4.0 * spread[1][-1]
+    assert spread[1][0] == 0.0
+    assert len(poses) == len(path)
