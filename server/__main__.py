@@ -175,15 +175,17 @@ def replay(
     assignments: Assignments = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """Make a map from a log: recordings of crunch, CARMEN logs, bags of a Crazyflie, or eight sonars (sonar8).
+    """Make a map from a log: recordings of crunch, logs of a laser, bags of a Crazyflie, or eight sonars (sonar8).
 
-    A CARMEN log's laser is reduced to what Crunch would sense: one infra-red beam and one sonar cone every 45
-    degrees. --beams thins it to so many single beams instead.
+    Crunch gets of a laser what it would sense: one infra-red beam and one sonar cone every 45 degrees, or, with
+    --beams, so many single beams. Maze Runner gets whole scans. CARMEN logs are Crunch's unless --robot says
+    otherwise; ROS bags and logs of the mines, of Wean Hall and of the LEGO robot are Maze Runner's.
 
     \b
         crunch replay drive.rlog --out map
         crunch replay intel-dense.log --out intel --particles 5000 --seed 3
         crunch replay intel.log --out intel11 --beams 11 --max-range 5
+        crunch replay intel.log --out intel-laser --robot maze_runner
         crunch replay drive.rlog --out map --set crunch.filter.comparison.gap=12
 
     OUT then holds trajectory.tum, map.png, map.pgm with map.yaml, map.json, path.g2o, profile.csv and report.json
@@ -193,10 +195,10 @@ def replay(
     from server.replay import replay as run
 
     check_beams(beams, max_range)
-    flags = settings_flags(preset, particles, robot)
     for path, folder in zip(logs, folders_for(logs, out), strict=True):
-        log = open_log(path, beams, max_range)
+        log = open_log(path, beams, max_range, robot)
         name = robot or log.robot or "crunch"
+        flags = settings_flags(preset, particles, name)
         options = Options(name, seed, threads, beams, max_range, config, flags, assignments or ())
         with progress_bar(path.name, log.n_odometry, quiet) as progress:
             report = run(path, folder, options, progress, log)

@@ -31,12 +31,16 @@ from server.estimator import EstimatorParams
 from server.navigator import NavigatorParams
 from server.presets import NAMED
 from server.robots.crunch import Crunch, CrunchParams
+from server.robots.maze_runner import MazeRunner, MazeRunnerParams
 from slam.params import Params
 
 PREFIX = "CRUNCH_"
 FILE_NAME = "config.toml"
 REVISABLE = ("crunch", "estimator")  # tables of which a new session may have its own
-ROBOTS = {"crunch": Crunch}  # one row per robot; its parameters are the field of the same name below
+ROBOTS = {
+    "crunch": Crunch,
+    "maze_runner": MazeRunner,
+}  # one row per robot; its parameters are the field of the same name below
 
 
 class ConfigError(UserError):
@@ -57,6 +61,7 @@ class Config(BaseSettings):
 
     preset: Literal["default", "thesis", "beams", "crazyflie"] = "default"
     crunch: CrunchParams = CrunchParams()
+    maze_runner: MazeRunnerParams = MazeRunnerParams()
     estimator: EstimatorParams = EstimatorParams()
     control: ControlParams = ControlParams()
     navigator: NavigatorParams = NavigatorParams()

@@ -14,7 +14,7 @@ import numpy as np
 from server.formats.ros_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from server.messages import Label
 from slam.pose import transform
-from slam.walls import Walls, curves
+from slam.walls import Walls, count_free, curves
 
 RESOLUTION = 0.05  # m per cell, where the grid stays within MAX_CELLS
 MAX_CELLS = 4000  # along either side of a grid; one jump of the odometry may stretch a map over kilometres
@@ -98,20 +98,6 @@ def affordable(path: np.ndarray, walls: list[Walls], resolution: float) -> float
     low, high = seen_box(path, walls)
     doublings = math.log2(max(float((high - low).max()) / ((MAX_CELLS - 1) * resolution), 1.0))
     return resolution * 2.0 ** math.ceil(doublings)
-
-
-def count_free(free: np.ndarray, low: np.ndarray, resolution: float, pose: np.ndarray, seen: Walls) -> None:
-    """Add one to the cells whose centres lie nearer than their ray was seen free."""
-    centre = (pose[:2] - low) / resolution
-    radius = int(seen.free.max(initial=0.0) / resolution) + 1
-    first = np.maximum(centre.astype(int) - radius, 0)
-    last = np.minimum(centre.astype(int) + radius + 1, free.shape[::-1])
-    x = (np.arange(first[0], last[0]) + 0.5 - centre[0]) * resolution
-    y = (np.arange(first[1], last[1]) + 0.5 - centre[1])[:, None] * resolution
-    n_rays = seen.free.size
-    rays = np.rint((np.arctan2(y, x) - pose[2]) * n_rays / (2.0 * math.pi)).astype(int) % n_rays
-    bound = np.minimum(seen.free, seen.distances - 0.5 * resolution)
-    free[first[1] : last[1], first[0] : last[0]] += np.hypot(x, y) < bound[rays]
 
 
 def count_walls(occupied: np.ndarray, low: np.ndarray, resolution: float, pose: np.ndarray, seen: Walls) -> None:

@@ -44,15 +44,17 @@ class Listener:
         return taken
 
 
-def open_log(path: Path | str, beams: int | None = None, max_range: float | None = None) -> Log:
-    """Any log, ours or foreign; UserError says what is wrong with it and what to do."""
+def open_log(
+    path: Path | str, beams: int | None = None, max_range: float | None = None, robot: str | None = None
+) -> Log:
+    """Any log, ours or foreign, as a robot takes it; UserError says what is wrong with it and what to do."""
     path = Path(path)
     if path.is_file():
         read_bytes(path)  # tells what hinders reading before anything guesses at the content
         if path.suffix == ".rlog" or is_recording(path):
             check_laser(path, beams)
             return recorded_log(path)
-    return read_log(path, beams, max_range)
+    return read_log(path, beams, max_range, robot)
 
 
 def recorded_log(path: Path) -> Log:

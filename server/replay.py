@@ -1,7 +1,7 @@
 """A log to a map, without a clock: messages through the robot's fold, its keyframes through the path filter, files out.
 
 `run_log` is the whole of it for benchmarks, without any file; `replay` is what `crunch replay` does with one log. Uses
-its sibling `recorded` for our own recordings.
+siblings `mapping` for what each robot does with its keyframes, and `recorded` for our own recordings.
 """
 
 from __future__ import annotations
@@ -23,27 +23,19 @@ from server.formats.logs import Log
 from server.formats.ros_map import write_ros_map
 from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
+from server.mapping import Drive, RobotParams, mapper_of, odometry_noise, senses_of, with_sensors
 from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
-from server.recorded import check_rings, open_log
+from server.recorded import open_log
 from server.report import Certainty, Choice, Report, describe_machine, peak_rss_mb
-from server.restarts import decided
-from server.robots.crunch import Crunch, CrunchParams, make_estimator
-from slam.bundle import bundle
-from slam.bundled_islands import best_bundled
-from slam.echoes import Echoes, EchoLog
-from slam.evaluate import path_length
 from slam.hypotheses import Verdict
-from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
-from slam.refinement import Refined
-from slam.trajectory import correct
 from slam.uncertainty import Uncertainty
-from slam.walls import Walls
 
 PROGRESS_STEP = 500  # odometry readings between two words of progress
 
 Progress = Callable[[int], None]
+Note = Callable[[int, Message], None]  # of the odometry's newest row, and a message
 
 
 @dataclass(frozen=True)
@@ -61,27 +53,10 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Drive:
-    """What a log holds once the robot has folded it: odometry (n, 3) at times (n,), and what its vertices saw."""
-
-    times: np.ndarray
-    odometry: np.ndarray
-    keyframes: list[Keyframe]
-    rows: np.ndarray  # (v,) odometry row of each keyframe
-    echoes: Echoes  # of thin beams; none where they are not to be bundled
-
-    @property
-    def walls(self) -> list[Walls]:
-        """What each vertex saw."""
-        return [keyframe.walls for keyframe in self.keyframes]
-
-
-@dataclass(frozen=True)
 class Result:
     """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds.
 
-    `uncertainty` is of the vertices; bundled ones have the particles', for what bundling leaves open is not known. Of
-    them `verdict` says nothing, for it is bundles that are compared there.
+    `uncertainty` is of the vertices, `verdict` on whether another path explains as much.
     """
 
     drive: Drive
@@ -97,9 +72,7 @@ class Result:
         return self.estimate.path
 
 
-def run_log(
-    log: Log, params: CrunchParams, seed: int = 0, threads: int = 1, progress: Progress | None = None
-) -> Result:
+def run_log(log: Log, params: RobotParams, seed: int = 0, threads: int = 1, progress: Progress | None = None) -> Result:
     """Map a log in memory; FormatError where it lacks odometry or ranges. The same arguments give the same bits.
 
     `seconds` tells the parts: `fold` (decoding, local map, walls), `filter` and `refinement`, which is also of echoes
@@ -107,33 +80,23 @@ def run_log(
     """
     params = with_sensors(params, log)
     warm_up(params, threads)
-    path_filter = make_estimator(params, seed, threads)
+    mapper = mapper_of(params, seed, threads)
     started = time.perf_counter()
     spent = 0.0
 
     def extend(keyframe: Keyframe) -> None:
         nonlocal spent
         before = time.perf_counter()
-        path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+        mapper.extend(keyframe)
         spent += time.perf_counter() - before
 
     def told(share: float) -> None:
         if progress:
             progress(round(share * len(drive.times)))
 
-    drive = fold(log, Crunch(params), extend, progress)
+    drive = fold(log, mapper.robot, extend, progress, mapper.note)
     before = time.perf_counter()
-    is_bundled = len(drive.echoes.points) > 0
-    verdict = Verdict()
-    if is_bundled:
-        nodes = best_bundled(path_filter, lambda path: bundled(drive, path, params)).path
-        trajectory = correct(drive.odometry, drive.echoes.rows, nodes)
-        estimate = path_filter.estimate()._replace(path=trajectory[drive.rows])
-    else:
-        path_filter.refine()
-        path_filter, verdict = decided(path_filter, drive.keyframes, params, seed, threads, told)
-        estimate = path_filter.estimate()
-        trajectory = correct(drive.odometry, drive.rows, estimate.path)
+    estimate, trajectory, uncertainty, verdict = mapper.conclude(drive, told)
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
@@ -143,49 +106,33 @@ def run_log(
         "refinement": ended - before,
         "total": ended - started,
     }
-    uncertainty = (path_filter.path_filter if is_bundled else path_filter).uncertainty(1)
     return Result(drive, estimate, trajectory, seconds, uncertainty, verdict)
 
 
-def bundled(drive: Drive, path: np.ndarray, params: CrunchParams) -> Refined:
-    """What becomes of the places that echoes hang on when those along a path (v, 3) are bundled."""
-    rows = drive.echoes.rows
-    way = path_length(drive.odometry)[rows]
-    chain = Chain.along(drive.odometry[rows], np.diff(way, prepend=way[0]))
-    poses = correct(drive.odometry, drive.rows, path)[rows]
-    return bundle(poses, chain, drive.echoes, params.filter.motion, params.bundle)
+def fold(
+    log: Log, robot: Any, extend: Callable[[Keyframe], None], progress: Progress | None = None, note: Note | None = None
+) -> Drive:
+    """Step the robot through a log, in file order; each keyframe goes to `extend`.
 
-
-def with_sensors(params: CrunchParams, log: Log) -> CrunchParams:
-    """The robot with the senses that the log was made with; ConfigError where the robot's own do not fit it."""
-    if log.sensors:
-        return params.model_copy(update={"sensors": log.sensors})
-    check_rings(params.sensors)
-    return params
-
-
-def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: Progress | None = None) -> Drive:
-    """Step the robot through a log, in file order; each keyframe goes to `extend`."""
-    wanted = robot.params.bundle
-    echo_log = EchoLog(wanted.echoes)
+    Each message is also shown to `note`, once the robot has taken it up, with the odometry's newest row.
+    """
     times: list[float] = []
     poses: list[np.ndarray] = []
     keyframes: list[Keyframe] = []
     rows: list[int] = []
     has_ranges = False
-    for message in log.messages(robot.params.calibration):
+    for message in log.messages(robot.calibration):
         effects = robot.step(message)
         if isinstance(message, (Odometry, Wheels)):
             times.append(message.t)
             poses.append(robot.odometry)
-            if len(robot.vertices) > len(rows):  # its keyframe comes later, when both sides of it were seen
-                rows.append(len(times) - 1)
             if progress and len(times) % PROGRESS_STEP == 0:
                 progress(len(times))
-        elif isinstance(message, Ranges):
-            has_ranges = True
-            if wanted.rounds > 0 and robot.sweep is not None:
-                echo_log.look(len(times) - 1, robot.odometry, robot.sweep)
+        has_ranges = has_ranges or isinstance(message, Ranges)
+        if len(robot.vertices) > len(rows):  # its keyframe may come later, when both sides of it were seen
+            rows.append(len(times) - 1)
+        if note:
+            note(len(times) - 1, message)
         for effect in effects:
             if isinstance(effect, Keyframe):
                 keyframes.append(effect)
@@ -194,7 +141,7 @@ def fold(log: Log, robot: Crunch, extend: Callable[[Keyframe], None], progress: 
         keyframes.append(effect)
         extend(effect)
     check_complete(log, bool(times), has_ranges, bool(keyframes))
-    return Drive(np.array(times), np.array(poses), keyframes, np.array(rows), echo_log.echoes())
+    return Drive(np.array(times), np.array(poses), keyframes, np.array(rows))
 
 
 def check_complete(log: Log, has_odometry: bool, has_ranges: bool, has_vertices: bool) -> None:
@@ -207,29 +154,28 @@ def check_complete(log: Log, has_odometry: bool, has_ranges: bool, has_vertices:
         raise FormatError(log.path, None, "has no odometry after its first ranges", "replay a longer log")
 
 
-def warm_up(params: CrunchParams, threads: int) -> None:
+def warm_up(params: RobotParams, threads: int) -> None:
     """Compile or load every kernel that a run needs, so that its time is the run's own."""
-    drive = fold(rehearsal(params), Crunch(params), lambda keyframe: None)
-    if len(drive.echoes.points):
-        bundled(drive, drive.odometry[drive.rows], params)
-    make_estimator(params, 0, threads).prepare()
+    mapper = mapper_of(params, 0, threads)
+    mapper.prepare(fold(rehearsal(params), mapper.robot, lambda keyframe: None, None, mapper.note))
 
 
-def rehearsal(params: CrunchParams) -> Log:
+def rehearsal(params: RobotParams) -> Log:
     """A log of a few steps there and back, in which all sensors see walls."""
+    sensors = senses_of(params)
     messages: list[Message] = []
     for step in range(8):
         messages.append(Odometry(float(step), params.vertex_spacing * (step % 3), 0.0, 0.0))
-        for name, ring in params.sensors.items():
-            messages.append(Ranges(float(step), name, np.full(len(ring.bearings_deg), 0.5 * ring.max_range)))
-    return Log(Path("rehearsal"), "rehearsal", "", lambda _: iter(messages), params.sensors, n_odometry=8)
+        for name, (n_ranges, max_range) in sensors.items():
+            messages.append(Ranges(float(step), name, np.full(n_ranges, 0.5 * max_range)))
+    return Log(Path("rehearsal"), "rehearsal", "", lambda _: iter(messages), None, n_odometry=8)
 
 
 def replay(path: Path, out: Path, options: Options, progress: Progress | None = None, log: Log | None = None) -> Report:
     """Map the log at `path` and write everything into the folder `out`; UserError where a person can mend it."""
     config.check_robot(options.robot)
     make_directory(out)
-    log = log or open_log(path, options.beams, options.max_range)
+    log = log or open_log(path, options.beams, options.max_range, options.robot)
     settings = config.load(options.flags, options.file, log.configuration, options.assignments)
     params = with_sensors(getattr(settings, options.robot), log)
     threads = options.threads or os.cpu_count() or 1
@@ -311,12 +257,11 @@ def report_of(result: Result, log: Log, options: Options, settings: config.Confi
     )
 
 
-def write_outputs(out: Path, result: Result, floor: maps.FloorMap, params: CrunchParams, report: Report) -> None:
+def write_outputs(out: Path, result: Result, floor: maps.FloorMap, params: RobotParams, report: Report) -> None:
     """Every file but the report; each is there whole or not at all."""
     drive, estimate = result.drive, result.estimate
     odometry = np.array([keyframe.pose for keyframe in drive.keyframes])
-    motion = params.filter.motion
-    graph = map_files.pose_graph(estimate.path, odometry, motion.turn_noise, motion.distance_noise)
+    graph = map_files.pose_graph(estimate.path, odometry, *odometry_noise(params))
     times = drive.times[drive.rows]
     assert floor.grid is not None
     write_atomically(out / "trajectory.tum", format_tum(drive.times, result.trajectory))

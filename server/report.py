@@ -92,7 +92,7 @@ class Report(BaseModel):
 
     def headline(self) -> tuple[str, str]:
         """Title and subtitle of the map's picture."""
-        title = f"{self.robot.capitalize()} on {Path(self.log).name}"
+        title = f"{self.robot.replace('_', ' ').title()} on {Path(self.log).name}"
         subtitle = f"{self.particles:,} particles, seed {self.seed} · {self.vertices:,} vertices · "
         return title, f"{subtitle}{self.path_length_m:.0f} m · {self.real_time_factor:,.0f} times real time"
 

@@ -32,8 +32,9 @@ from firmware.virtual.scripted import ScriptedCrunch
 from server.config import Config
 from server.errors import UserError
 from server.formats.atomic import make_directory
-from server.formats.carmen import CarmenLog, read_carmen
+from server.formats.carmen import read_carmen
 from server.formats.errors import FormatError
+from server.formats.laser import LaserLog
 from server.formats.tum import read_tum, write_tum
 from server.maps import path_length
 from server.recording import Header, Kind, LinkName, Recorder
@@ -135,7 +136,7 @@ def simulate_semireal(semireal: Semireal, settings: Config, progress: Progress |
 
 
 def scripted(
-    log: CarmenLog, reference_times: np.ndarray, reference: np.ndarray, seed: int, path: Path
+    log: LaserLog, reference_times: np.ndarray, reference: np.ndarray, seed: int, path: Path
 ) -> ScriptedCrunch:
     """The virtual robot that repeats a log's drive, clipped to the span of the reference."""
     matches = associate(reference_times, log.scan_times, 0.0, SCAN_TOLERANCE)

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from slam.counter_random import gaussian, uniform
 from slam.laser_maps import LaserMapParams, LaserMaps
-from slam.laser_scan import Scan, ScanParams, scan_of
+from slam.laser_scan import Scan, scan_of
 from slam.map_matching import LayParams, lay
 from slam.params import Params
 from slam.path_filter import PathEstimate, checked_pose
@@ -38,7 +38,7 @@ class GridFilterParams(Params):
 
     particles: int = Field(default=30, ge=1, le=100_000)
     threshold: float = Field(default=0.5, ge=0.0, le=1.0)  # share of effective particles below which it resamples
-    scan: ScanParams = ScanParams()
+    jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring ends of one wall
     odometry: OdometryNoise = OdometryNoise(distance=0.05, turn=0.02, rotation=0.02)  # a laser's own
     lay: LayParams = LayParams()
     map: LaserMapParams = LaserMapParams()
@@ -102,7 +102,7 @@ class GridFilter:
         ValueError for a pose or way that is no number, or a way back in time.
         """
         pose = checked_pose(self.vertices, pose, travelled)
-        scan = scan_of(walls, self.params.scan)
+        scan = scan_of(walls, self.params.jump)
         if self.tree is None:
             self.poses[:] = pose
             self.tree = PathTree(self.n_particles, pose)

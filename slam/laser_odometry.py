@@ -13,6 +13,7 @@ import math
 import numpy as np
 from pydantic import Field
 
+from slam.grid import Grid
 from slam.laser_maps import LaserMapParams, LaserMaps
 from slam.laser_scan import Scan
 from slam.map_matching import LayParams, lay
@@ -82,8 +83,12 @@ class LaserOdometry:
             self.maps = [*self.maps[-1:], LaserMaps(1, self.params.map)]
             self.age = 0.0
         for local in self.maps:
-            local.draw(scan, self.pose[None], clears=False)
+            local.draw(scan, self.pose[None])
         self.drawn = self.pose
+
+    def grid(self) -> Grid:
+        """Log odds of what is remembered, in the frame of `pose`; of no cells before the first scan."""
+        return self.maps[0].grid(0) if self.maps else Grid(np.zeros((0, 0), np.float32), 1.0, 0.0, 0.0)
 
 
 def life_of(motion: np.ndarray, params: LaserOdometryParams) -> float:

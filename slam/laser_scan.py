@@ -23,7 +23,30 @@ FLATTEST = 0.1  # variance of a wall's ends across it, of that along it, at most
 
 
 MOST_RAYS = 3600  # of a full circle
+TURN = 2.0 * math.pi
 EXACT = math.radians(0.02)  # that a beam may lie off its ray
+
+
+class LaserParams(Params):
+    """A laser: where its beams look, how far, and where it sits on the robot. The default is a Hokuyo URG-04LX."""
+
+    beams: int = Field(default=683, ge=2, le=4096)
+    first_deg: float = Field(default=-119.8828125, ge=-360.0, le=360.0)  # of the first beam, to the right,
+    step_deg: float = Field(default=0.3515625, gt=0.0, le=90.0)  # and from each to the next
+    max_range: float = Field(default=5.6, gt=0.0, le=200.0)  # m; nothing farther is reported
+    x: float = 0.0  # m ahead of the middle of the axle
+    y: float = 0.0  # m to the left of it
+    angle_deg: float = 0.0  # that it is turned by
+
+    @property
+    def bearings(self) -> np.ndarray:
+        """Bearings (beams,) in radians, in the laser's own frame."""
+        return np.radians(self.first_deg + self.step_deg * np.arange(self.beams))
+
+    @property
+    def mount(self) -> np.ndarray:
+        """Pose (3,) on the robot."""
+        return np.array([self.x, self.y, math.radians(self.angle_deg)])
 
 
 class ScanParams(Params):
@@ -31,7 +54,6 @@ class ScanParams(Params):
 
     max_range: float = Field(default=20.0, gt=0.0)  # m; farther ends are not looked at
     free_range: float = Field(default=8.0, ge=0.0)  # m up to which beams are known to be free
-    jump: float = Field(default=0.15, gt=0.0)  # m between neighbouring ends of one wall
 
 
 class Scan(NamedTuple):
@@ -95,44 +117,55 @@ def scan_normals(points, ways, ranges, spacing, jump):
     return normals
 
 
-def rays_of(bearings: np.ndarray) -> tuple[int, np.ndarray]:
-    """How many rays a full circle has of which bearings (n,) are some, and which (n,); ValueError where none has."""
+class Rays(NamedTuple):
+    """Which of the `n` rays of a full circle a laser's beams are: `rows` (beams,); ray 0 looks to `offset` rad."""
+
+    n: int
+    rows: np.ndarray
+    offset: float
+
+
+def rays_of(bearings: np.ndarray) -> Rays:
+    """The circle that has bearings (n,) among its rays, if it can without rays between; ValueError where none has."""
     bearings = np.asarray(bearings, float)
-    turn = 2.0 * np.pi
     spacings = np.diff(np.sort(bearings))
     if not len(spacings) or not np.min(spacings) > 0.0:
         raise ValueError("a laser has two beams at least, each with a bearing of its own")
-    least = max(8, round(turn / float(np.min(spacings))) - 1)
-    for n_rays in range(least, MOST_RAYS + 1):
-        rays = np.rint(bearings * n_rays / turn).astype(int)
-        if np.max(np.abs(rays * turn / n_rays - bearings)) < EXACT and len(np.unique(rays % n_rays)) == len(rays):
-            return n_rays, rays % n_rays
+    least = max(8, round(TURN / float(np.median(spacings))))
+    for n in range(least, MOST_RAYS + 1):
+        offset = math.remainder(float(bearings[0]), TURN / n) if n == least else 0.0
+        rows = np.rint((bearings - offset) * n / TURN).astype(int)
+        off = rows * TURN / n + offset - bearings
+        if np.max(np.abs(off)) < EXACT and len(np.unique(rows % n)) == len(rows):
+            return Rays(n, rows % n, offset)
     raise ValueError(f"no circle of up to {MOST_RAYS} rays has all of these bearings")
 
 
-def walls_of(ranges: np.ndarray, n_rays: int, rays: np.ndarray) -> Walls:
-    """The walls that beams with ranges (n,) met along the `rays` (n,) of a full circle of `n_rays`.
+def walls_of(ranges: np.ndarray, rays: Rays, params: ScanParams) -> Walls:
+    """The walls that beams with ranges (n,) met, as far as they are believed.
 
     What is no number, 0 or less was not measured. A beam that met nothing is not known to be free either: a wall may be
     too dark to be seen.
     """
     ranges = np.nan_to_num(np.asarray(ranges, float), nan=np.inf, posinf=np.inf)
-    distances = np.full(n_rays, np.inf)
-    distances[rays] = np.where(ranges > 0.0, ranges, np.inf)
-    return Walls(distances, np.where(np.isfinite(distances), distances, 0.0))
+    measured = np.where(ranges > 0.0, ranges, np.inf)
+    distances, free = np.full(rays.n, np.inf), np.zeros(rays.n)
+    distances[rays.rows] = np.where(measured < params.max_range, measured, np.inf)
+    free[rays.rows] = np.where(np.isfinite(measured), np.minimum(measured, params.free_range), 0.0)
+    return Walls(distances, free)
 
 
-def scan_of(walls: Walls, params: ScanParams) -> Scan:
-    """The scan of what a laser saw."""
+def scan_of(walls: Walls, jump: float) -> Scan:
+    """The scan of what a laser saw; ends nearer than `jump` m may be one wall."""
     n = walls.distances.size
     order = np.arange(-(n // 2), n - n // 2)  # beams beside each other behind the laser are parted, not those ahead
     bearings = 2.0 * np.pi * order / n
     ways = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     ranges, free = walls.distances[order], walls.free[order]
-    is_end, is_swept = ranges < params.max_range, free > 0.0
-    swept = np.minimum(free[is_swept], params.free_range)[:, None] * ways[is_swept]
+    is_end, is_swept = np.isfinite(ranges), free > 0.0
+    swept = free[is_swept, None] * ways[is_swept]
     steps = np.diff(np.flatnonzero(is_end | is_swept))
     spacing = 2.0 * np.pi / n * (float(np.median(steps)) if len(steps) else 1.0)
     points = ranges[is_end, None] * ways[is_end]
-    normals = scan_normals(points, ways[is_end], ranges[is_end], spacing, params.jump)
+    normals = scan_normals(points, ways[is_end], ranges[is_end], spacing, jump)
     return Scan(points, normals, bearings[is_end], ranges[is_end], swept, spacing)

@@ -14,6 +14,7 @@ import numpy as np
 
 from server.formats.atomic import write_atomically
 from server.formats.errors import FormatError, read_bytes
+from server.formats.laser import LaserLog
 from slam.pose import between
 
 KINDS = ("ODOM", "FLASER", "ROBOTLASER1")
@@ -32,20 +33,6 @@ class Scan(NamedTuple):
     mount: np.ndarray  # (3,) the laser's pose on the robot
 
 
-class CarmenLog(NamedTuple):
-    """What a log holds; `is_scan` (n_odometry + n_scans,) tells the rows' order in the file."""
-
-    path: Path
-    odometry_times: np.ndarray  # (n,)
-    odometry: np.ndarray  # (n, 3)
-    scan_times: np.ndarray  # (m,)
-    scans: np.ndarray  # (m, beams)
-    bearings: np.ndarray  # (beams,)
-    mount: np.ndarray  # (3,) the laser's pose on the robot
-    is_scan: np.ndarray
-    truncated_at: int | None  # line of a last row that was cut
-
-
 def is_carmen(content: bytes) -> bool:
     """Whether the beginning of a file reads like a CARMEN log."""
     lines = content.decode("utf-8", errors="replace").splitlines()
@@ -53,7 +40,7 @@ def is_carmen(content: bytes) -> bool:
     return any(word in KINDS for word in words)
 
 
-def read_carmen(path: Path | str) -> CarmenLog:
+def read_carmen(path: Path | str) -> LaserLog:
     """The odometry and the scans of a log; FormatError names the first row that cannot be read.
 
     A last row that was cut in the middle ends the log; any other broken row is an error.
@@ -86,14 +73,14 @@ def read_carmen(path: Path | str) -> CarmenLog:
 
 def assemble(
     path: Path, odometry: list[list[float]], scans: list[Scan], is_scan: list[bool], truncated_at: int | None
-) -> CarmenLog:
+) -> LaserLog:
     """Arrays of the rows; FormatError where there is no odometry or no scan."""
     if not odometry:
         raise FormatError(path, None, "holds no odometry", "a CARMEN log needs ODOM rows")
     if not scans:
         raise FormatError(path, None, "holds no ranges", "a CARMEN log needs FLASER or ROBOTLASER1 rows")
     table = np.array(odometry)
-    return CarmenLog(
+    return LaserLog(
         path=path,
         odometry_times=table[:, 0],
         odometry=table[:, 1:],

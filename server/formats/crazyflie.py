@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from server.formats.errors import FormatError, read_bytes
+from server.formats.bags import opened
+from server.formats.errors import FormatError
 from server.messages import Message, Odometry, Ranges
 from slam.rangefinder import RingParams
 
-MAGIC = b"#ROSBAG V2.0"
 POSITIONS, RANGES = "/state_xyzv", "/state_ranger_qxyzw"  # the ends of the topics' names
+ENDS = (POSITIONS, RANGES)
 TYPE = "infrastructure/msg/RawData"
 DEFINITION = "std_msgs/Header header\nfloat32[] raw\n"
 REMEDY = f"a Crazyflie's bag has the topics .../{POSITIONS[1:]} and .../{RANGES[1:]} of type infrastructure/RawData"
@@ -43,11 +44,6 @@ class CrazyflieLog(NamedTuple):
     ranges: np.ndarray
 
 
-def is_bag(content: bytes) -> bool:
-    """Whether the beginning of a file is that of a ROS 1 bag."""
-    return content.startswith(MAGIC)
-
-
 def read_crazyflie(path: Path | str) -> CrazyflieLog:
     """What a bag holds; FormatError where it is damaged or another robot's."""
     path = Path(path)
@@ -70,32 +66,21 @@ def read_crazyflie(path: Path | str) -> CrazyflieLog:
 
 def read_topics(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Stamps (n,) and numbers (n, k) of both topics, in the order in which they were recorded."""
-    from rosbags.rosbag1 import Reader, ReaderError  # here, for only bags need it
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # here, for only bags need it
 
-    read_bytes(path)
     store = get_typestore(Stores.ROS1_NOETIC)
     store.register(get_types_from_msg(DEFINITION, TYPE))
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    try:
-        with Reader(path) as reader:
-            for end in (POSITIONS, RANGES):
-                connections = [each for each in reader.connections if each.topic.endswith(end)]
-                if not connections or any(each.msgtype != TYPE for each in connections):
-                    raise FormatError(path, None, f"has no topic .../{end[1:]} as a Crazyflie's bag has it", REMEDY)
-                rows: list[Any] = [store.deserialize_ros1(raw, TYPE) for _, _, raw in reader.messages(connections)]
-                if not rows:
-                    raise FormatError(path, None, f"holds no message of .../{end[1:]}", "record again")
-                stamps = [row.header.stamp.sec + 1e-9 * row.header.stamp.nanosec for row in rows]
-                found[end] = np.array(stamps), np.array([row.raw for row in rows], float)
-    except FormatError:
-        raise
-    except ReaderError as error:
-        problem = f"cannot be read as a bag ({str(error).rstrip('.')})"
-        raise FormatError(path, None, problem, "try `rosbag reindex`, or record again") from None
-    except Exception as error:  # a damaged bag fails anywhere within its reader
-        problem = f"is a damaged bag ({type(error).__name__})"
-        raise FormatError(path, None, problem, "try `rosbag reindex`, or record again") from None
+    with opened(path) as reader:
+        for end in ENDS:
+            connections = [each for each in reader.connections if each.topic.endswith(end)]
+            if not connections or any(each.msgtype != TYPE for each in connections):
+                raise FormatError(path, None, f"has no topic .../{end[1:]} as a Crazyflie's bag has it", REMEDY)
+            rows: list[Any] = [store.deserialize_ros1(raw, TYPE) for _, _, raw in reader.messages(connections)]
+            if not rows:
+                raise FormatError(path, None, f"holds no message of .../{end[1:]}", "record again")
+            stamps = [row.header.stamp.sec + 1e-9 * row.header.stamp.nanosec for row in rows]
+            found[end] = np.array(stamps), np.array([row.raw for row in rows], float)
     return found
 
 

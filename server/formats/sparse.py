@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from server.formats.carmen import CarmenLog
+from server.formats.laser import SENSOR, LaserLog
 from server.messages import Message, Odometry, Ranges
 from slam.pose import compose
 from slam.rangefinder import RingParams
@@ -43,7 +43,7 @@ def sensors_of(bearings: np.ndarray, reduction: Reduction) -> list[Sensor]:
     return [thinned(bearings, reduction.beams, reduction.max_range or BEAM_MAX_RANGE)]
 
 
-def scans_per_half_metre(log: CarmenLog) -> float:
+def scans_per_half_metre(log: LaserLog) -> float:
     """How densely a drive was scanned on average; inf for one that never moved on."""
     length = float(np.hypot(*np.diff(log.odometry[:, :2], axis=0).T).sum()) if len(log.odometry) > 1 else 0.0
     return 0.5 * len(log.scans) / length if length > 0.5 else math.inf
@@ -93,7 +93,7 @@ def thinned(bearings: np.ndarray, beams: int, max_range: float) -> Sensor:
         min_range=0.0,
         max_range=max_range,
     )
-    return Sensor("laser", ring, [(int(beam), int(beam) + 1) for beam in chosen])
+    return Sensor(SENSOR, ring, [(int(beam), int(beam) + 1) for beam in chosen])
 
 
 def reduce_scans(scans: np.ndarray, sensor: Sensor) -> np.ndarray:
@@ -104,7 +104,7 @@ def reduce_scans(scans: np.ndarray, sensor: Sensor) -> np.ndarray:
     return ranges
 
 
-def messages(log: CarmenLog, sensors: list[Sensor]) -> Iterator[Message]:
+def messages(log: LaserLog, sensors: list[Sensor]) -> Iterator[Message]:
     """Odometry and sparse ranges in file order; odometry tells how the laser moved, wherever it sits."""
     odometry = compose(log.odometry, log.mount)
     reduced = [(sensor.name, reduce_scans(log.scans, sensor)) for sensor in sensors]

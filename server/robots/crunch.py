@@ -108,6 +108,7 @@ class Crunch:
 
     def __init__(self, params: CrunchParams):
         self.params = params
+        self.calibration = params.calibration
         self.local_map = LocalMap(params.local_map, params.sensors, border=params.hindsight * params.vertex_spacing)
         self.tie_breaker = TieBreaker(params.sensors)
         self.vfh = Vfh(params.vfh)

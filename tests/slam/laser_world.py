@@ -9,8 +9,9 @@ from slam.pose import between, compose
 
 BEARINGS = np.radians(np.arange(-90.0, 90.0, 1.0))
 MAX_RANGE = 20.0
-N_RAYS, RAYS = rays_of(BEARINGS)
+RAYS = rays_of(BEARINGS)
 SCAN = ScanParams()
+JUMP = 0.15
 
 
 def box(x, y, width, height):
@@ -42,12 +43,17 @@ def ranges_of(pose, walls, rng=None, bearings=BEARINGS, noise=0.01):
 
 def seen_at(pose, walls, seed=0, noise=0.01):
     """The vertex's walls that a laser at `pose` (3,) sees of walls (m, 4)."""
-    return walls_of(ranges_of(pose, walls, np.random.default_rng(seed), noise=noise), N_RAYS, RAYS)
+    return walls_of(ranges_of(pose, walls, np.random.default_rng(seed), noise=noise), RAYS, SCAN)
 
 
 def scan_at(pose, walls, seed=0, noise=0.01):
     """The scan of it."""
-    return scan_of(seen_at(pose, walls, seed, noise), SCAN)
+    return scan_of(seen_at(pose, walls, seed, noise), JUMP)
+
+
+def blind():
+    """The scan of a laser that sees nothing."""
+    return scan_of(walls_of(np.full(len(BEARINGS), np.inf), RAYS, SCAN), JUMP)
 
 
 def around(laps=1.0, step=0.2):

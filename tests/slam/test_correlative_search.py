@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slam.correlative_search import SearchParams, paint, search, try_poses
-from slam.laser_scan import scan_of, walls_of
 from slam.pose import between, compose
 from slam.scan_matching import ScanMatchingParams, match_scans
 from slam.scan_motion import ScanMotionParams, motion_between
 from tests.naive import correlative_search as naive
-from tests.slam.laser_world import N_RAYS, RAYS, SCAN, ring, scan_at
+from tests.slam.laser_world import blind, ring, scan_at
 
 PARAMS = SearchParams()
 SIGMAS = np.array([0.2, 0.2, 0.3])
@@ -62,6 +61,6 @@ def test_motions_are_found_that_an_alignment_alone_does_not_find():
 
 def test_scans_of_nothing_leave_the_guess_alone():
     guess = np.array([0.1, 0.2, 0.3])
-    nothing, some = scan_of(walls_of(np.full(len(RAYS), np.inf), N_RAYS, RAYS), SCAN), scan_at(np.ones(3), ring())
+    nothing, some = blind(), scan_at(np.ones(3), ring())
     for scan, other in ((nothing, some), (some, nothing), (nothing, nothing)):
         assert np.array_equal(search(scan, other, guess, SIGMAS, PARAMS), guess)

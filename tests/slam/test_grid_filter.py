@@ -8,7 +8,7 @@ from slam.grid_filter import GridFilter, GridFilterParams, draw_pose
 from slam.laser_scan import walls_of
 from slam.scan_motion import OdometryNoise
 from slam.tree_map import NONE
-from tests.slam.laser_world import N_RAYS, RAYS, around, odometry_of, ring, seen_at
+from tests.slam.laser_world import RAYS, SCAN, around, odometry_of, ring, seen_at
 
 WHEELS = OdometryNoise()  # as bad as they are, without a laser's own odometry
 
@@ -74,7 +74,7 @@ def test_memory_grows_with_the_map_and_not_with_the_particles():
 
 def test_scans_of_nothing_are_survived_on_the_odometry_alone():
     odometry = np.column_stack([np.arange(10) * 0.2, np.zeros(10), np.zeros(10)])
-    nothing = walls_of(np.full(len(RAYS), np.inf), N_RAYS, RAYS)
+    nothing = walls_of(np.full(len(RAYS.rows), np.inf), RAYS, SCAN)
     path = run(odometry, [nothing] * 10, particles=1).estimate().path
     assert np.all(np.isfinite(path))
     assert path[-1, 0] > 0.9

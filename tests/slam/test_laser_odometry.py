@@ -5,9 +5,8 @@ import pytest
 
 from slam.evaluate import relative_error
 from slam.laser_odometry import LaserOdometry, LaserOdometryParams
-from slam.laser_scan import scan_of, walls_of
 from slam.pose import between
-from tests.slam.laser_world import N_RAYS, RAYS, SCAN, around, odometry_of, ring, scan_at
+from tests.slam.laser_world import around, blind, odometry_of, ring, scan_at
 
 
 def follow(odometry, scans, **changes):
@@ -54,7 +53,7 @@ def test_standing_still_is_standing_still():
 
 
 def test_where_nothing_is_seen_the_odometry_goes_on():
-    nothing = scan_of(walls_of(np.full(len(RAYS), np.inf), N_RAYS, RAYS), SCAN)
+    nothing = blind()
     odometry = np.column_stack([np.arange(10) * 0.2, np.zeros(10), np.linspace(0.0, 0.3, 10)])
     path, _ = follow(odometry, [nothing] * 10)
     assert between(path[0], path[-1]) == pytest.approx(between(odometry[0], odometry[-1]), abs=1e-6)

@@ -5,11 +5,11 @@ import pytest
 
 from slam.laser_scan import ScanParams, rays_of, scan_of, walls_of
 from slam.pose import transform
-from tests.slam.laser_world import BEARINGS, N_RAYS, RAYS, SCAN, box, ranges_of, scan_at
+from tests.slam.laser_world import BEARINGS, JUMP, RAYS, SCAN, blind, box, ranges_of, scan_at
 
 
-def of_ranges(ranges, params=SCAN):
-    return scan_of(walls_of(ranges, N_RAYS, RAYS), params)
+def of_ranges(ranges, jump=JUMP, params=SCAN):
+    return scan_of(walls_of(ranges, RAYS, params), jump)
 
 
 def test_normals_stand_across_the_walls_and_look_to_the_laser():
@@ -41,8 +41,8 @@ def test_what_is_no_echo_is_left_out_and_what_was_passed_is_swept():
     scan = of_ranges(ranges)
     assert len(scan.points) == len(BEARINGS) - 6
     assert np.hypot(*scan.swept.T) == pytest.approx([8.0, 8.0] + [3.0] * (len(BEARINGS) - 6))
-    assert len(of_ranges(ranges, ScanParams(max_range=2.0)).points) == 0
-    nothing = of_ranges(np.full(len(BEARINGS), np.inf))
+    assert len(of_ranges(ranges, params=ScanParams(max_range=2.0)).points) == 0
+    nothing = blind()
     assert nothing.points.shape == nothing.normals.shape == nothing.swept.shape == (0, 2)
 
 
@@ -51,29 +51,31 @@ def test_lonely_ends_and_scattered_ones_tell_of_no_direction():
     far_apart = np.where(np.arange(len(BEARINGS)) % 2, 2.0, 4.0)
     assert not np.any(of_ranges(far_apart).normals)
     bush = 2.0 + 0.1 * rng.uniform(-1.0, 1.0, len(BEARINGS))
-    assert np.mean(np.any(of_ranges(bush, ScanParams(jump=0.3)).normals, axis=1)) < 0.6
+    assert np.mean(np.any(of_ranges(bush, 0.3).normals, axis=1)) < 0.6
 
 
 @pytest.mark.parametrize(
-    ("bearings_deg", "n_rays"),
+    ("bearings_deg", "n_rays", "offset_deg"),
     [
-        (np.arange(-90.0, 90.0), 360),
-        (np.arange(-90.0, 90.5, 0.5), 720),
-        (np.arange(-90.0, 90.0) + 0.5, 720),  # rays start ahead, so that every second one has a beam
-        ((np.arange(682) - 341) * 360.0 / 1024.0, 1024),
-        (np.linspace(-135.0, 135.0, 1081), 1440),
-        (np.arange(-180.0, 180.0), 360),
+        (np.arange(-90.0, 90.0), 360, 0.0),
+        (np.arange(-90.0, 90.5, 0.5), 720, 0.0),
+        (np.arange(-90.0, 90.0) + 0.4, 360, 0.4),
+        ((np.arange(682) - 341) * 360.0 / 1024.0, 1024, 0.0),
+        (np.linspace(-135.0, 135.0, 1081), 1440, 0.0),
+        (np.arange(-180.0, 180.0), 360, 0.0),
+        (np.array([-90.0, -45.0, 0.0, 45.0, 60.0]), 24, 0.0),  # with rays between that no beam looks along
     ],
 )
-def test_beams_are_rays_of_a_full_circle(bearings_deg, n_rays):
+def test_beams_are_rays_of_a_full_circle(bearings_deg, n_rays, offset_deg):
     bearings = np.radians(bearings_deg)
-    n, rays = rays_of(bearings)
-    assert n == n_rays
-    assert len(np.unique(rays)) == len(rays)
-    off = np.angle(np.exp(1j * (2.0 * np.pi * rays / n - bearings)))
+    rays = rays_of(bearings)
+    assert rays.n == n_rays
+    assert np.degrees(rays.offset) == pytest.approx(offset_deg, abs=1e-6)
+    assert len(np.unique(rays.rows)) == len(bearings)
+    off = np.angle(np.exp(1j * (2.0 * np.pi * rays.rows / rays.n + rays.offset - bearings)))
     assert np.abs(off).max() < np.radians(0.03)
     ranges = np.linspace(1.0, 4.0, len(bearings))
-    scan = scan_of(walls_of(ranges, n, rays), SCAN)
+    scan = scan_of(walls_of(ranges, rays, SCAN), JUMP)
     assert sorted(scan.ranges) == pytest.approx(sorted(ranges))
     assert scan.spacing == pytest.approx(np.median(np.diff(bearings)), rel=0.01)
 

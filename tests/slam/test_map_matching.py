@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from slam.laser_scan import scan_of, walls_of
 from slam.map_matching import LayParams, lay, wall_near
 from slam.pose import between, compose, transform
 from slam.tree_map import MASK, TreeMaps, clear, hit
 from slam.tree_map import Rule as MapRule
 from tests.naive import map_matching as naive
-from tests.slam.laser_world import N_RAYS, RAYS, SCAN, ring, scan_at
+from tests.slam.laser_world import blind, ring, scan_at
 
 MAP = MapRule(0.4, 0.9, 4.0, 500.0)
 RULE = LayParams().rule()
@@ -89,7 +88,7 @@ def test_the_cost_tells_walls_missing_in_free_space_from_those_in_the_unknown():
 
 def test_an_empty_scan_stays_where_it_is_thought_to_be():
     pose, hessian = np.array([1.0, 2.0, 0.3]), np.empty((3, 3))
-    nothing = scan_of(walls_of(np.full(len(RAYS), np.inf), N_RAYS, RAYS), SCAN)
+    nothing = blind()
     assert lay(drawn().cells, 0, nothing, pose, FREE, RULE, hessian) == 0.0
     assert np.array_equal(pose, [1.0, 2.0, 0.3])
     assert np.array_equal(hessian, FREE)

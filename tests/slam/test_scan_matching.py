@@ -9,7 +9,7 @@ from slam.laser_scan import scan_of, walls_of
 from slam.pose import between, compose, wrap
 from slam.scan_matching import ScanMatchingParams, match_scans, partner
 from tests.naive import scan_matching as naive
-from tests.slam.laser_world import N_RAYS, RAYS, SCAN, box, ring, scan_at
+from tests.slam.laser_world import BEARINGS, JUMP, RAYS, SCAN, box, ring, scan_at
 
 PARAMS = ScanMatchingParams()
 LOOSE = np.diag([1.0, 1.0, 1.0])
@@ -66,7 +66,7 @@ def test_strange_walls_leave_the_guess_alone():
 @pytest.mark.parametrize(("first", "second"), [(0, 5), (5, 0), (0, 0)])
 def test_scans_of_nothing_leave_the_guess_alone(first, second):
     def some(n):
-        return scan_of(walls_of(np.where(np.arange(len(RAYS)) < n, 1.0, np.inf), N_RAYS, RAYS), SCAN)
+        return scan_of(walls_of(np.where(np.arange(len(BEARINGS)) < n, 1.0, np.inf), RAYS, SCAN), JUMP)
 
     match = match_scans(some(first), some(second), STILL, LOOSE, PARAMS)
     assert (match.share, *match.pose) == (0.0, 0.0, 0.0, 0.0)
