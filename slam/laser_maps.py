@@ -6,7 +6,6 @@ Uses its siblings `laser_scan` and `tree_map`, whose cells and patches they are.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -16,11 +15,9 @@ from slam.laser_scan import Scan
 from slam.params import Params
 from slam.pose import transform
 from slam.scan_matching import turned
-from slam.tree_map import Rule, TreeMaps, clear, hit
+from slam.tree_map import Rule, Run, TreeMaps, clear, hit, on_all
 
 COARSEST = 64  # beams, of which one clears the cells next to the laser
-
-Run = Callable[[Callable[[int, int], None]], object]  # a task of particles first..end, on all of them
 
 
 class LaserMapParams(Params):
@@ -67,12 +64,8 @@ class LaserMaps(TreeMaps):
         """
         poses = np.ascontiguousarray(poses, float)
         swept = scan.swept if clears else scan.swept[:0]
-        self.prepare(poses[:, :2], transform(poses[:, None], swept), transform(poses[:, None], scan.points))
-
-        def task(first: int, end: int) -> None:
-            draw_scan(self.cells, scan, clears, poses, self.rule, first, end)
-
-        if run is None:
-            task(0, len(poses))
-        else:
-            run(task)
+        starts = np.ascontiguousarray(poses[:, :2])
+        self.prepare(starts, transform(poses[:, None], swept), transform(poses[:, None], scan.points), run)
+        on_all(run, len(poses), lambda first, end: draw_scan(
+            self.cells, scan, clears, poses, self.rule, first, end
+        ))  # fmt: skip

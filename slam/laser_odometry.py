@@ -26,6 +26,8 @@ class LaserOdometryParams(Params):
     """How far it remembers, and how scans are laid."""
 
     is_on: bool = True  # else the odometry is believed
+    is_alone: bool = False  # whether none is: the last motion is thought to go on,
+    unrest: tuple[float, float, float] = (0.1, 0.1, 0.15)  # m, m, rad that it may differ by from one scan to the next
     span: float = Field(default=8.0, gt=0.0)  # m of path after which a new map is begun
     turn: float = Field(default=20.0, gt=0.0)  # rad turned that are as long a life
     step: float = Field(default=0.03, ge=0.0)  # m after which a scan is drawn, so that standing still counts once,
@@ -41,6 +43,7 @@ class LaserOdometry:
     def __init__(self, params: LaserOdometryParams):
         self.params = params
         self.pose = np.zeros(3)
+        self.motion = np.zeros(3)  # since the scan before
         self.maps: list[LaserMaps] = []  # the older one first
         self.age = 0.0  # of the newest map, in spans
         self.last: tuple[Scan, np.ndarray] | None = None  # scan, and the odometry's pose where it was taken
@@ -66,12 +69,16 @@ class LaserOdometry:
         if not params.is_on:
             self.pose = compose(self.pose, told)
             return
-        motion = motion_between(before, scan, told, params.motion)
+        if params.is_alone:
+            motion = motion_between(before, scan, self.motion, params.motion, np.diag(np.array(params.unrest) ** -2.0))
+        else:
+            motion = motion_between(before, scan, told, params.motion)
         pose = compose(self.pose, motion.pose)
         prior = in_world(motion.information, self.pose[2:])[0]
         lay(self.maps[0].cells, 0, scan, pose, prior, params.lay.rule(), np.empty((3, 3)))
         pose[2] = wrap(pose[2])
-        self.age += life_of(between(self.pose, pose), params)
+        self.motion = between(self.pose, pose)
+        self.age += life_of(self.motion, params)
         self.pose = pose
         moved = between(self.drawn, pose)
         if math.hypot(moved[0], moved[1]) >= params.step or abs(moved[2]) >= params.step_turn:

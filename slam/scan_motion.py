@@ -53,13 +53,16 @@ class Motion(NamedTuple):
     information: np.ndarray
 
 
-def motion_between(before: Scan, scan: Scan, told: np.ndarray, params: ScanMotionParams) -> Motion:
+def motion_between(
+    before: Scan, scan: Scan, told: np.ndarray, params: ScanMotionParams, prior: np.ndarray | None = None
+) -> Motion:
     """The motion from where one scan was taken to the next, which the odometry has `told` (3,); its, where walls lack.
 
-    Where the scans cannot both be true as aligned from there, the likeliest of all poses around is the start; where its
-    walls are too rough to be aligned, it is the answer.
+    `prior` (3, 3) is the information on what was told, that of an odometry unless it is given. Where the scans cannot
+    both be true as aligned from there, the likeliest of all poses around is the start; where its walls are too rough to
+    be aligned, it is the answer.
     """
-    prior = params.odometry.information(told)
+    prior = params.odometry.information(told) if prior is None else prior
     match = match_scans(scan, before, told, prior, params.matching)
     known = agreement(scan, before, match.pose, params.agreement)[0]
     if known >= params.agreement.share:

@@ -11,6 +11,7 @@ the normals of their walls, which says where in the cell the wall stands.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ NONE = -1  # in a table: nothing was seen there
 HITS, X, Y, NORMAL_X, NORMAL_Y = range(5)  # of a surfel
 FIRST_PATCHES = 256
 FIRST_ROWS = 8  # of a table
+Run = Callable[[Callable[[int, int], None]], object]  # a task of particles first..end, on all of them
 MARGIN = 2  # patches by which a table grows beyond what is needed
 
 
@@ -88,18 +90,24 @@ def need(cells, row, column, needed, box):
         needed[r, c] = True
 
 
-@njit(cache=True)
-def survey(cells, start, cleared, ends, needed, box):
-    """Note the patches that beams from `start` (2,) write: cleared up to `cleared` (k, 2), hit at `ends` (n, 2)."""
-    for k in range(cleared.shape[0]):
-        dx, dy = cleared[k, 0] - start[0], cleared[k, 1] - start[1]
-        steps = steps_of(dx, dy, cells.resolution)
-        for s in range(steps):
-            share = s / steps
-            row = cell_of(start[1] + share * dy, cells.resolution)
-            need(cells, row, cell_of(start[0] + share * dx, cells.resolution), needed, box)
-    for k in range(ends.shape[0]):
-        need(cells, cell_of(ends[k, 1], cells.resolution), cell_of(ends[k, 0], cells.resolution), needed, box)
+@njit(cache=True, nogil=True)
+def survey(cells, starts, cleared, ends, needed, boxes, low, high):
+    """Note the patches that particles low..high write, and the `boxes` (n, 4) of them.
+
+    Beams go from `starts` (n, 2); they clear up to `cleared` (n, k, 2) and hit at `ends` (n, m, 2).
+    """
+    resolution = cells.resolution
+    for p in range(low, high):
+        for k in range(cleared.shape[1]):
+            dx, dy = cleared[p, k, 0] - starts[p, 0], cleared[p, k, 1] - starts[p, 1]
+            steps = steps_of(dx, dy, resolution)
+            for s in range(steps):
+                share = s / steps
+                row = cell_of(starts[p, 1] + share * dy, resolution)
+                need(cells, row, cell_of(starts[p, 0] + share * dx, resolution), needed[p], boxes[p])
+        for k in range(ends.shape[1]):
+            row = cell_of(ends[p, k, 1], resolution)
+            need(cells, row, cell_of(ends[p, k, 0], resolution), needed[p], boxes[p])
 
 
 @njit(cache=True)
@@ -189,6 +197,14 @@ def hit(cells, particle, x, y, normal_x, normal_y, rule):
     surfel[NORMAL_Y] += (normal_y - surfel[NORMAL_Y]) / surfel[HITS]
 
 
+def on_all(run: Run | None, n: int, task: Callable[[int, int], None]) -> None:
+    """Run task(first, end) over n particles, shared out among threads where there is a `run` that does that."""
+    if run is None:
+        task(0, n)
+    else:
+        run(task)
+
+
 class TreeMaps:
     """The maps of n particles: `prepare` them for a scan, write with the kernels, `inherit` at a resampling."""
 
@@ -208,25 +224,26 @@ class TreeMaps:
         """How many patches there are in all maps, shared ones counted once."""
         return len(self.pool.free) - int(self.pool.top[0])
 
-    def prepare(self, starts: np.ndarray, cleared: np.ndarray, ends: np.ndarray) -> None:
+    def prepare(self, starts: np.ndarray, cleared: np.ndarray, ends: np.ndarray, run: Run | None = None) -> None:
         """Let every particle own what beams from `starts` (n, 2) will write: clear up to (n, k, 2), hit at (n, m, 2).
 
-        ValueError for a beam that ends nowhere.
+        `run` shares the particles out among threads. ValueError for a beam that ends nowhere.
         """
         if not (np.all(np.isfinite(starts)) and np.all(np.isfinite(cleared)) and np.all(np.isfinite(ends))):
             raise ValueError("beams must begin and end somewhere")
-        needed = self.survey(starts, cleared, ends)
+        needed = self.survey(starts, cleared, ends, run)
         for particle in range(len(starts)):
             while not claim(self.cells, self.pool, particle, needed[particle]):
                 self.grow()
 
-    def survey(self, starts: np.ndarray, cleared: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    def survey(self, starts: np.ndarray, cleared: np.ndarray, ends: np.ndarray, run: Run | None) -> np.ndarray:
         """The patches (n, rows, columns) that will be written, in tables that hold them all."""
         while True:
-            needed = np.zeros(self.cells.table.shape, np.bool_)
-            box = np.array([0, 0, 0, 0])
-            for particle in range(len(starts)):
-                survey(self.cells, starts[particle], cleared[particle], ends[particle], needed[particle], box)
+            needed, boxes = np.zeros(self.cells.table.shape, np.bool_), np.zeros((len(starts), 4), np.int64)
+            on_all(run, len(starts), lambda low, high: survey(
+                self.cells, starts, cleared, ends, needed, boxes, low, high  # noqa: B023 (run at once)
+            ))  # fmt: skip
+            box = np.stack([boxes[:, 0].min(), boxes[:, 1].max(), boxes[:, 2].min(), boxes[:, 3].max()])
             sizes = self.cells.table.shape
             beyond = np.array([-box[0], box[1] + 1 - sizes[1], -box[2], box[3] + 1 - sizes[2]])
             if not np.any(beyond > 0):

@@ -1,6 +1,7 @@
 """ROS 1 bags of any robot with a laser: `sensor_msgs/LaserScan`, `nav_msgs/Odometry`, and how the laser sits by `tf`.
 
-Of several topics of a kind the one with the most messages counts. Times are the messages' own stamps.
+Of several topics of a kind the one with the most messages counts. Times are the messages' own stamps. Without odometry
+the laser is alone: its own path is the robot's.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from slam.pose import compose, inverse
 
 SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
-REMEDY = "a bag of a robot with a laser has topics of sensor_msgs/LaserScan and nav_msgs/Odometry"
+REMEDY = "a bag of a robot with a laser has a topic of sensor_msgs/LaserScan"
 DAMAGED = "try `rosbag reindex`, or record again"
 MAGIC = b"#ROSBAG V2.0"
 
@@ -35,12 +36,14 @@ def topics_in(path: Path) -> set[str]:
 
 
 def read_laser_bag(path: Path | str) -> LaserLog:
-    """Odometry and scans by their stamps; FormatError where the bag is damaged or lacks one of them."""
+    """Odometry and scans by their stamps; FormatError where the bag is damaged or has no scan."""
     path = Path(path)
     with opened(path) as reader:
-        scans = list(messages(reader, SCAN, path))
-        poses = list(messages(reader, ODOMETRY, path))
+        scans = list(messages(reader, SCAN))
+        poses = list(messages(reader, ODOMETRY))
         transforms = dict(transforms_in(reader))
+    if not scans:
+        raise FormatError(path, None, "holds no sensor_msgs/LaserScan", REMEDY)
     first = scans[0]
     n_beams = len(first.ranges)
     bearings = first.angle_min + first.angle_increment * np.arange(n_beams)
@@ -48,6 +51,10 @@ def read_laser_bag(path: Path | str) -> LaserLog:
         n_beams -= 1  # the last beam looks where the first does
     ranges = np.array([measured(scan, n_beams, path) for scan in scans])
     order = np.argsort(bearings[:n_beams])
+    if not poses:
+        still, nowhere, times = np.zeros((len(scans), 3)), np.zeros(3), stamps(scans)
+        log = by_time(path, times, still, times, ranges[:, order], bearings[:n_beams][order], nowhere)
+        return log._replace(has_odometry=False)
     odometry = np.array([pose_of(message.pose.pose.position, message.pose.pose.orientation) for message in poses])
     mount = mount_of(transforms, poses[0].child_frame_id, first.header.frame_id)
     return by_time(
@@ -81,14 +88,14 @@ def store_of() -> Any:
     return store
 
 
-def messages(reader: Any, kind: str, path: Path) -> Iterator[Any]:
-    """The messages of the fullest topic of a type; FormatError where there is none."""
+def messages(reader: Any, kind: str) -> Iterator[Any]:
+    """The messages of the fullest topic of a type."""
     topics: dict[str, int] = {}
     for connection in reader.connections:
         if connection.msgtype == kind:
             topics[connection.topic] = topics.get(connection.topic, 0) + connection.msgcount
-    if not topics or max(topics.values()) == 0:
-        raise FormatError(path, None, f"holds no {kind.replace('/msg/', '/')}", REMEDY)
+    if not topics:
+        return
     fullest = max(topics, key=lambda topic: (topics[topic], topic))
     store = store_of()
     for _, _, raw in reader.messages([each for each in reader.connections if each.topic == fullest]):
@@ -98,7 +105,8 @@ def messages(reader: Any, kind: str, path: Path) -> Iterator[Any]:
 def transforms_in(reader: Any) -> Iterator[tuple[str, tuple[str, np.ndarray]]]:
     """Each frame's parent, and its pose (3,) there as it was said first."""
     store, known = store_of(), set()
-    for _, _, raw in reader.messages([each for each in reader.connections if each.msgtype == TRANSFORMS]):
+    connections = [each for each in reader.connections if each.msgtype == TRANSFORMS]
+    for _, _, raw in reader.messages(connections) if connections else ():  # no connections would be all of them
         for transform in store.deserialize_ros1(raw, TRANSFORMS).transforms:
             frame = transform.child_frame_id.lstrip("/")
             if frame not in known:

@@ -27,6 +27,7 @@ class LaserLog(NamedTuple):
     mount: np.ndarray  # (3,) the laser's pose on the robot
     is_scan: np.ndarray
     truncated_at: int | None = None  # line of a last row that was cut
+    has_odometry: bool = True  # else the robot is told to stand still, and only its scans speak
 
 
 def by_time(

@@ -19,6 +19,7 @@ from slam.rangefinder import RingParams
 
 SNIFFED = 1 << 20  # bytes of a text file looked at for rows that tell its kind; comments and PARAM rows come first
 MAZE_RUNNER = "maze_runner"
+ALONE: Mapping[str, Any] = {MAZE_RUNNER: {"odometry": {"is_alone": True}}}  # settings of a laser without odometry
 UNEVEN = 0.01  # of a step between beams that another may differ
 KNOWN = (
     "crunch reads its own recordings (.rlog), CARMEN logs, ROS 1 bags of a laser or a Crazyflie, logs of the mines, "
@@ -132,10 +133,15 @@ def laser_log(kind: str, recording: LaserLog, reduction: sparse.Reduction | None
             sensors=None,
             n_odometry=len(recording.odometry),
             robot=MAZE_RUNNER,
+            configuration={} if recording.has_odometry else ALONE,
             mount=recording.mount,
             truncated_at=recording.truncated_at,
             warnings=tuple(warnings),
             laser=laser_of(recording),
+        )
+    if not recording.has_odometry:
+        raise FormatError(
+            path, None, "holds no odometry", "only maze_runner maps with a laser alone; leave out --robot"
         )
     sensors = sparse.sensors_of(recording.bearings, reduction)
     names = " and ".join(f"{len(sensor.windows)} {sensor.name} bearings" for sensor in sensors)

@@ -10,6 +10,7 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from server import config
 from server.formats import FormatError, read_log
 from server.formats.bags import DEFINITION, ODOMETRY, SCAN, TRANSFORMS, mount_of, read_laser_bag
 from server.formats.lego import read_lego, read_reference, stem_of
@@ -203,13 +204,19 @@ def test_a_bag_of_any_robot_with_a_laser_is_a_log(tmp_path):
     assert (read_log(path).kind, read_log(path).robot) == ("bag", "maze_runner")
 
 
-@pytest.mark.parametrize(
-    ("topics", "told"),
-    [((SCAN, TRANSFORMS), "holds no nav_msgs/Odometry"), ((ODOMETRY,), "holds no sensor_msgs/LaserScan")],
-)
-def test_bags_that_lack_something_are_told(tmp_path, topics, told):
-    with pytest.raises(FormatError, match=told):
-        read_log(write_bag(tmp_path / "a.bag", topics))
+def test_a_bag_without_scans_is_told(tmp_path):
+    with pytest.raises(FormatError, match="holds no sensor_msgs/LaserScan"):
+        read_log(write_bag(tmp_path / "a.bag", (ODOMETRY,)))
+
+
+def test_a_laser_without_odometry_is_alone_and_not_for_crunch(tmp_path):
+    path = write_bag(tmp_path / "a.bag", (SCAN, TRANSFORMS))
+    log = read_log(path)
+    assert config.load(header=log.configuration).maze_runner.odometry.is_alone
+    assert not config.load(header=read_log(write_bag(tmp_path / "b.bag")).configuration).maze_runner.odometry.is_alone
+    assert [type(message) for message in log.messages()] == [Odometry, Ranges] * 2
+    with pytest.raises(FormatError, match="holds no odometry"):
+        read_log(path, robot="crunch")
 
 
 def test_a_damaged_bag_is_told(tmp_path):

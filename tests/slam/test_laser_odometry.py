@@ -29,6 +29,16 @@ def test_the_drift_is_a_small_part_of_the_odometrys(seed):
     assert found.rotation.max < 0.01
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_laser_alone_finds_its_way_whatever_it_is_told(seed):
+    poses, odometry, scans = drive(seed=seed)
+    lies = odometry[::-1]
+    path, _ = follow(lies, scans, is_alone=True)
+    found = relative_error(path, poses, 5.0)
+    assert found.translation.max < 0.05
+    assert found.rotation.max < 0.01
+
+
 def test_without_it_the_odometry_is_believed():
     _, odometry, scans = drive(laps=0.3)
     path, _ = follow(odometry, scans, is_on=False)
