@@ -47,9 +47,9 @@ LOGS = {
 }
 WHOLE = ("Intel, dense", "Intel", "ACES")  # logs on which every part is tried
 PUBLISHED = (
-    "others with the full laser, measured on another machine of this kind, on Intel, dense: GMapping 0.056 +- 0.062 m in "
-    "36 s, LaMa's particle filter 0.053 +- 0.063 m in 14 s, open_karto 0.061 m in 43 s; on Intel: GMapping 0.058 m in "
-    "47 s, LaMa's particle filter 0.062 m in 13 s"
+    "others with the full laser, measured on another machine of this kind, on Intel, dense: GMapping 0.056 +- 0.062 m "
+    "in 36 s, LaMa's particle filter 0.053 +- 0.063 m in 14 s, open_karto 0.061 m in 43 s; on Intel: GMapping 0.058 m "
+    "in 47 s, LaMa's particle filter 0.062 m in 13 s"
 )
 
 

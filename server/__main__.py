@@ -239,7 +239,7 @@ def simulate(
     from server.config import check_robot, load
     from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal
 
-    check_robot(robot)
+    check_robot(robot, ("crunch",), "robots that can be simulated")
     settings = load(None, config, None, assignments or ())
     if (from_log is None) != (reference is None):
         raise UserError("--from-log and --reference belong together; give both or neither")

@@ -12,7 +12,7 @@ import functools
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
@@ -162,10 +162,11 @@ def nested(key: str, value: Any) -> dict[str, Any]:
     return value
 
 
-def check_robot(name: str) -> None:
-    """ConfigError for a robot that nobody knows."""
-    if name not in ROBOTS:
-        raise ConfigError(f"robot `{name}` is unknown; known: {', '.join(ROBOTS)}")
+def check_robot(name: str, known: Collection[str] = tuple(ROBOTS), what: str = "known") -> None:
+    """ConfigError for a robot that nobody knows, or of which something that the `known` ones have is not there."""
+    if name not in known:
+        problem = "has no such thing" if name in ROBOTS else "is unknown"
+        raise ConfigError(f"robot `{name}` {problem}; {what}: {', '.join(known)}")
 
 
 def defaults() -> dict[str, Any]:

@@ -134,7 +134,7 @@ def calibrate(paths: Sequence[Path], options: Options, progress: Progress | None
     """Learn from logs of one robot; UserError where they cannot be read, are of several robots, or tell nothing."""
     told = progress or (lambda share: None)
     check_distinct(paths)
-    logs = [open_log(path, options.beams, options.max_range) for path in paths]
+    logs = [open_log(path, options.beams, options.max_range, options.robot or "crunch") for path in paths]
     settings = [settings_of(log, options) for log in logs]
     for log, params in zip(logs[1:], settings[1:], strict=True):
         check_same_robot(logs[0], settings[0], log, params)
@@ -176,7 +176,7 @@ def calibration(logs: Sequence[Log], metres: Sequence[float], learned: Learned, 
 def settings_of(log: Log, options: Options) -> CrunchParams:
     """The robot's parameters for a log, mapped by the path filter whatever they say."""
     robot = options.robot or log.robot or "crunch"
-    config.check_robot(robot)
+    config.check_robot(robot, ("crunch",), "robots whose odometry is learned")
     settings = getattr(config.load(options.flags, options.file, log.configuration, options.assignments), robot)
     return settings.model_copy(update={"estimator": "filter"})
 

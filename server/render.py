@@ -167,7 +167,7 @@ def about(header: Header, path: Path) -> SessionStatus:
 
 def configuration(header: Header) -> Config:
     """The settings that a recording's session ran with; UserError if it is of a robot that nobody knows."""
-    check_robot(header.robot)
+    check_robot(header.robot, ("crunch",), "robots whose sessions are shown again")
     config = load(header=header.configuration)
     check_rings(config.crunch.sensors)
     return config

@@ -120,7 +120,7 @@ def fold(
     poses: list[np.ndarray] = []
     keyframes: list[Keyframe] = []
     rows: list[int] = []
-    has_ranges = False
+    has_ranges, sensors = False, senses_of(robot.params)
     for message in log.messages(robot.calibration):
         effects = robot.step(message)
         if isinstance(message, (Odometry, Wheels)):
@@ -128,7 +128,7 @@ def fold(
             poses.append(robot.odometry)
             if progress and len(times) % PROGRESS_STEP == 0:
                 progress(len(times))
-        has_ranges = has_ranges or isinstance(message, Ranges)
+        has_ranges = has_ranges or (isinstance(message, Ranges) and message.sensor in sensors)
         if len(robot.vertices) > len(rows):  # its keyframe may come later, when both sides of it were seen
             rows.append(len(times) - 1)
         if note:

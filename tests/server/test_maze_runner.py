@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from server.config import ConfigError, check_robot
+from server.formats import FormatError
 from server.formats.carmen import format_flaser, format_odom, write_carmen
 from server.formats.tum import read_tum
 from server.messages import Keyframe, Odometry, Ranges
@@ -124,3 +126,10 @@ def test_scans_before_any_odometry_and_of_other_sensors_are_passed_over():
     robot.step(Odometry(0.0, 0.0, 0.0, 0.0))
     assert robot.step(Ranges(0.0, "sonar", np.ones(8))) == []
     assert len(robot.step(Ranges(0.1, "laser", seen))) == 1
+
+
+def test_logs_that_it_cannot_map_and_what_it_cannot_do_are_told(tmp_path):
+    with pytest.raises(FormatError, match="holds no ranges"):
+        run(Path(__file__).parents[1] / "replay" / "lap.rlog", tmp_path / "out")
+    with pytest.raises(ConfigError, match="`maze_runner` has no such thing; robots that can be simulated: crunch"):
+        check_robot("maze_runner", ("crunch",), "robots that can be simulated")
