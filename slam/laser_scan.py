@@ -30,8 +30,8 @@ EXACT = math.radians(0.02)  # that a beam may lie off its ray
 class LaserParams(Params):
     """A laser: where its beams look, how far, and where it sits on the robot. The default is a Hokuyo URG-04LX."""
 
-    beams: int = Field(default=683, ge=2, le=4096)
-    first_deg: float = Field(default=-119.8828125, ge=-360.0, le=360.0)  # of the first beam, to the right,
+    beams: int = Field(default=682, ge=2, le=4096)
+    first_deg: float = Field(default=-119.53125, ge=-360.0, le=360.0)  # of the first beam, to the right,
     step_deg: float = Field(default=0.3515625, gt=0.0, le=90.0)  # and from each to the next
     max_range: float = Field(default=5.6, gt=0.0, le=200.0)  # m; nothing farther is reported
     x: float = 0.0  # m ahead of the middle of the axle
