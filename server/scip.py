@@ -92,13 +92,14 @@ class Decoder:
         if len(lines) < 2:
             self.rejected["cut"] += 1
             return
-        checked = [unchecked(line) for line in lines[1:]]
+        request = lines[0]
+        is_sweep = request.startswith("MD")
+        checked = [unchecked(line, is_sweep) for line in lines[1:]]
         if any(line is None for line in checked):
             self.rejected["check"] += 1
             return
         status, *rest = [line or "" for line in checked]
-        request = lines[0]
-        if request.startswith("MD") and status == ON_THE_WAY:
+        if is_sweep and status == ON_THE_WAY:
             sweep = sweep_of(request, rest)
             if sweep is None:
                 self.rejected["length"] += 1
@@ -108,12 +109,12 @@ class Decoder:
             yield Answer(request, status, tuple(rest))
 
 
-def unchecked(line: str) -> str | None:
-    """A line without its check, before which a semicolon may stand; None where the check is wrong."""
+def unchecked(line: str, is_data: bool) -> str | None:
+    """A line without its check, and, unless it is data, without the semicolon before it; None where that is wrong."""
     text, check = line[:-1], line[-1:]
-    if check == checksum(text):
-        return text
-    return text[:-1] if text.endswith(";") and check == checksum(text[:-1]) else None
+    if not is_data and text.endswith(";"):
+        text = text[:-1]
+    return text if check == checksum(text) else None
 
 
 def sweep_of(request: str, lines: list[str]) -> Sweep | None:
