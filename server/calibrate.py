@@ -99,6 +99,34 @@ def sonar(
     typer.echo("\n".join([aligned(found.rows()), "", *lines]))
 
 
+@app.command()
+def motors(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of trials: power,distance,time.")],
+    plot: Annotated[Path | None, typer.Option(help="PNG file for trials and curves.")] = None,
+    output: Annotated[Path | None, typer.Option(help="TOML file for what was learned; `--config` reads it.")] = None,
+) -> None:
+    """Learn how fast a power drives motors that have no encoders: power = A exp(B speed).
+
+    A trial is a share of full power, the metres that the robot went with it, and the seconds that it took; a column
+    `wheel` with left or right gives each motor a curve of its own. Prints the curves, how far each trial is off, and
+    the settings for a file behind --config.
+
+    \b
+        crunch calibrate motors trials.csv --plot trials.png
+        crunch calibrate motors trials.csv --output robot.toml
+    """
+    from server.formats.atomic import write_atomically
+    from server.motor_calibration import calibrate
+
+    found = calibrate(files)
+    if plot is not None:
+        write_atomically(plot, found.plot())
+    if output is not None:
+        write_atomically(output, found.toml())
+    typer.echo(f"{aligned(found.rows())}\n\n{aligned(found.residual_rows())}")
+    typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
+
+
 def table(found: Calibration) -> str:
     """What was learned, by parameter and by log, as text of two tables."""
     rows = [("parameter", "estimate", "95 % interval", "present", "what the logs say")]

@@ -1,4 +1,4 @@
-"""A motor without an encoder: how fast a power drives it, from trials (Maze Runner, equations 1 and 2).
+"""Motors without encoders: how fast a power drives them, by trials, and where that leads (Maze Runner, eq. 1 and 2).
 
 power = A exp(B speed): below the power A the wheel stands, and the faster it turns the more each further cm/s takes. A
 line through the logarithms of the powers finds A and B. Speeds are a wheel's rim's in m/s, powers shares of the whole,
@@ -11,6 +11,23 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import Field
+
+from slam.params import Params
+
+Pair = tuple[float, float]  # of the left and of the right
+
+
+class MotorParams(Params):
+    """Two motors and the wheels that they drive. The default is the paper's curve for both."""
+
+    standing: Pair = (0.090149, 0.090149)  # A of each: the power at which it begins to turn,
+    growth: Pair = (6.44209, 6.44209)  # and B, s/m
+    track: float = Field(default=0.20, gt=0.0)  # m between the wheels
+    nominal_volts: float = Field(
+        default=11.4, gt=0.0
+    )  # of the battery when the curve was taken: a power counts as much
+    lag: float = Field(default=0.1, ge=0.0)  # s in which a wheel follows two thirds of a change
 
 
 class MotorCurve(NamedTuple):
@@ -72,3 +89,38 @@ def fit_curve(powers: np.ndarray, distances: np.ndarray, times: np.ndarray) -> M
     sigmas = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
     curve = MotorCurve(math.exp(intercept), float(growth))
     return MotorFit(curve, float(sigmas[0]), float(sigmas[1]), np.expm1(off))
+
+
+class MotorOdometry:
+    """Dead reckoning by what the motors are told: the pose (3,) that the powers lead to."""
+
+    def __init__(self, params: MotorParams):
+        self.params = params
+        self.curves = [MotorCurve(*both) for both in zip(params.standing, params.growth, strict=True)]
+        self.pose = np.zeros(3)
+        self.speeds = np.zeros(2)  # m/s of the wheels' rims
+        self.t: float | None = None
+        self.wanted = np.zeros(2)
+
+    def step(self, t: float, powers: Pair, volts: float) -> float:
+        """Take up powers (shares of 1) at a time (s); the metres that the robot has gone since the last, signed.
+
+        What was told before counts until then. `volts` are the battery's; 0 where it does not tell.
+        """
+        params = self.params
+        seconds = 0.0 if self.t is None else max(0.0, t - self.t)
+        follows = 1.0 - math.exp(-seconds / params.lag) if params.lag > 0.0 else 1.0
+        before = self.speeds
+        self.speeds = before + follows * (self.wanted - before)
+        catching_up = (params.lag * follows if params.lag > 0.0 else 0.0) * (self.wanted - before)
+        left, right = self.wanted * seconds - catching_up  # of an exponential's way
+        turn, way = (right - left) / params.track, 0.5 * (left + right)
+        middle = self.pose[2] + 0.5 * turn
+        heading = math.remainder(self.pose[2] + turn, 2.0 * math.pi)
+        self.pose = np.array([self.pose[0] + way * math.cos(middle), self.pose[1] + way * math.sin(middle), heading])
+        share = volts / params.nominal_volts if volts > 0.0 else 1.0
+        self.wanted = np.array(
+            [float(curve.speed(share * power)) for curve, power in zip(self.curves, powers, strict=True)]
+        )
+        self.t = t
+        return float(way)

@@ -59,9 +59,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.survey", "server.views",
     ),
     (
-        "server.bridge", "server.live", "server.mapping", "server.odometry_calibration", "server.recorded",
-        "server.render", "server.render_queue", "server.replay", "server.sessions", "server.simulate",
-        "server.sonar_calibration", "server.workbench",
+        "server.bridge", "server.live", "server.mapping", "server.motor_calibration", "server.odometry_calibration",
+        "server.recorded", "server.render", "server.render_queue", "server.replay", "server.sessions",
+        "server.simulate", "server.sonar_calibration", "server.workbench",
     ),
     ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.terminal"),
 )  # fmt: skip

@@ -17,6 +17,7 @@ from server.messages import Effect, Estimate, Keyframe, Message, Odometry, Range
 from slam.grid_filter import GridFilter, GridFilterParams
 from slam.laser_odometry import LaserOdometry, LaserOdometryParams
 from slam.laser_scan import LaserParams, ScanParams, rays_of, scan_of, walls_of
+from slam.motor_curve import MotorParams
 from slam.params import Params
 from slam.pose import between, compose
 from slam.refined_grid_filter import RefinedGridFilter
@@ -27,6 +28,7 @@ class MazeRunnerParams(Params):
     """Everything that makes this robot this robot."""
 
     laser: LaserParams = LaserParams()
+    motors: MotorParams = MotorParams()
     scan: ScanParams = ScanParams()
     vertex_spacing: float = Field(default=0.45, ge=0.05, le=5.0)  # m of path between vertices,
     vertex_turn: float = Field(default=0.4, ge=0.05, le=3.0)  # or rad

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slam.motor_curve import MotorCurve, fit_curve
+from slam.motor_curve import MotorCurve, MotorOdometry, MotorParams, fit_curve
 
 PAPER = MotorCurve(0.090149, 6.44209)  # Maze Runner, after equation 2
 
@@ -79,3 +79,46 @@ def test_two_trials_tell_a_curve_and_nothing_of_its_certainty():
     fit = fit_curve(np.array([0.2, 0.5]), np.array([0.1, 0.2]), np.ones(2))
     assert math.isnan(fit.growth_sigma)
     assert fit.curve.command(np.array([0.1, 0.2])) == pytest.approx([0.2, 0.5])
+
+
+def driven(params, words, seconds, step=0.02):
+    """Where an odometry is that was told powers for some seconds each."""
+    odometry, t = MotorOdometry(params), 0.0
+    for powers, length in zip(words, seconds, strict=True):
+        for _ in range(round(length / step)):
+            odometry.step(t, powers, params.nominal_volts)
+            t += step
+    odometry.step(t, (0.0, 0.0), params.nominal_volts)
+    return odometry
+
+
+def test_straight_on_it_goes_as_fast_as_the_curve_says_but_for_the_lag():
+    params = MotorParams(lag=0.1)
+    power = float(PAPER.command(0.25))
+    odometry = driven(params, [(power, power)], [4.0])
+    assert odometry.pose == pytest.approx([0.25 * (4.0 - 0.1), 0.0, 0.0], abs=1e-6)
+
+
+def test_steps_of_any_length_lead_to_the_same_place():
+    params, words = MotorParams(), [(0.4, 0.3), (-0.3, 0.5), (0.0, 0.0), (0.6, 0.6)]
+    coarse, fine = (driven(params, words, [1.0] * 4, step) for step in (0.05, 0.0025))
+    assert coarse.pose == pytest.approx(fine.pose, abs=2e-3)
+
+
+def test_a_sagging_battery_slows_it_down_and_unlike_motors_turn_it():
+    params = MotorParams(lag=0.0)
+    full, sagged = MotorOdometry(params), MotorOdometry(params)
+    for odometry, volts in ((full, 11.4), (sagged, 10.0)):
+        odometry.step(0.0, (0.4, 0.4), volts)
+        odometry.step(1.0, (0.4, 0.4), volts)
+    assert sagged.pose[0] == pytest.approx(float(PAPER.speed(0.4 * 10.0 / 11.4)))
+    assert sagged.pose[0] < full.pose[0]
+    unlike = driven(MotorParams(growth=(6.4, 6.8)), [(0.4, 0.4)], [2.0])
+    assert unlike.pose[2] < -0.1
+
+
+def test_time_that_steps_back_moves_nothing():
+    odometry = MotorOdometry(MotorParams(lag=0.0))
+    odometry.step(1.0, (0.5, 0.5), 11.4)
+    assert odometry.step(0.5, (0.5, 0.5), 11.4) == 0.0
+    assert np.array_equal(odometry.pose, np.zeros(3))
