@@ -59,7 +59,7 @@ class Config(BaseSettings):
 
     model_config = SettingsConfigDict(extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__")
 
-    preset: Literal["default", "thesis", "beams", "crazyflie"] = "default"
+    preset: Literal["default", "thesis", "paper", "beams", "crazyflie"] = "default"
     crunch: CrunchParams = CrunchParams()
     maze_runner: MazeRunnerParams = MazeRunnerParams()
     estimator: EstimatorParams = EstimatorParams()

@@ -29,6 +29,7 @@ from slam.hypotheses import Verdict
 from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
+from slam.refined_grid_filter import RefinedGridFilter
 from slam.refinement import Refined
 from slam.trajectory import correct
 from slam.uncertainty import Uncertainty
@@ -151,7 +152,8 @@ class MazeMapper:
 
     def conclude(self, drive: Drive, told: Told) -> Conclusion:
         """Close the loops; between vertices the laser's own odometry leads, between scans that of the log."""
-        self.path_filter.refine()
+        if isinstance(self.path_filter, RefinedGridFilter):
+            self.path_filter.refine()
         estimate = self.path_filter.estimate()
         laser = correct(compose(drive.odometry, self.robot.mount), np.array(self.rows), np.array(self.followed))
         trajectory = compose(correct(laser, drive.rows, estimate.path.astype(float)), inverse(self.robot.mount))
@@ -159,7 +161,11 @@ class MazeMapper:
 
     def prepare(self, drive: Drive) -> None:
         """Compile or load every kernel, given the drive of a rehearsal."""
-        self.path_filter.prepare()
+        if isinstance(self.path_filter, RefinedGridFilter):
+            self.path_filter.prepare()
+            return
+        for keyframe in drive.keyframes:
+            self.extend(keyframe)
 
 
 def mapper_of(params: RobotParams, seed: int = 0, threads: int = 1) -> Mapper:

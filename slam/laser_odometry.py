@@ -26,6 +26,7 @@ class LaserOdometryParams(Params):
     """How far it remembers, and how scans are laid."""
 
     is_on: bool = True  # else the odometry is believed
+    has_map: bool = True  # else only the scan before counts
     is_alone: bool = False  # whether none is: the last motion is thought to go on,
     unrest: tuple[float, float, float] = (0.1, 0.1, 0.15)  # m, m, rad that it may differ by from one scan to the next
     span: float = Field(default=8.0, gt=0.0)  # m of path after which a new map is begun
@@ -75,7 +76,8 @@ class LaserOdometry:
             motion = motion_between(before, scan, told, params.motion)
         pose = compose(self.pose, motion.pose)
         prior = in_world(motion.information, self.pose[2:])[0]
-        lay(self.maps[0].cells, 0, scan, pose, prior, params.lay.rule(), np.empty((3, 3)))
+        if params.has_map:
+            lay(self.maps[0].cells, 0, scan, pose, prior, params.lay.rule(), np.empty((3, 3)))
         pose[2] = wrap(pose[2])
         self.motion = between(self.pose, pose)
         self.age += life_of(self.motion, params)

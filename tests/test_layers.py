@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.logs", "server.formats.mines", "server.formats.relations", "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.formats.wean",
         "server.link", "server.messages", "server.presets", "server.recording", "server.scip", "server.transport",
-        "server.words", "slam.bundle", "slam.bundled_islands", "slam.grid_filter", "slam.islands",
+        "server.words", "slam.bundle", "slam.bundled_islands", "slam.fastslam", "slam.grid_filter", "slam.islands",
         "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refined_grid_filter",
         "slam.refinement", "slam.scan_graph",
     ),

@@ -7,6 +7,7 @@ metre or half a radian is a vertex that saw the whole scan. Vertices stand where
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -14,6 +15,7 @@ from pydantic import Field
 from server.channels import Calibration
 from server.formats.laser import SENSOR
 from server.messages import Effect, Estimate, Keyframe, Message, Odometry, Ranges
+from slam.fastslam import FastSlam, FastSlamParams
 from slam.grid_filter import GridFilter, GridFilterParams
 from slam.laser_odometry import LaserOdometry, LaserOdometryParams
 from slam.laser_scan import LaserParams, ScanParams, rays_of, scan_of, walls_of
@@ -33,12 +35,16 @@ class MazeRunnerParams(Params):
     vertex_spacing: float = Field(default=0.45, ge=0.05, le=5.0)  # m of path between vertices,
     vertex_turn: float = Field(default=0.4, ge=0.05, le=3.0)  # or rad
     odometry: LaserOdometryParams = LaserOdometryParams()
+    estimator: Literal["grids", "paper"] = "grids"  # what we hold best, or literally what the robot's authors have
     filter: GridFilterParams = GridFilterParams()
+    paper: FastSlamParams = FastSlamParams()
     graph: ScanGraphParams = ScanGraphParams()  # of the filter's best path, for what is shown and written
 
 
-def make_estimator(params: MazeRunnerParams, seed: int = 0, threads: int = 1) -> RefinedGridFilter:
-    """The estimator of paths, its path to be refined."""
+def make_estimator(params: MazeRunnerParams, seed: int = 0, threads: int = 1) -> RefinedGridFilter | FastSlam:
+    """The estimator of paths that the parameters choose; ours has its path to be refined."""
+    if params.estimator == "paper":
+        return FastSlam(params.paper, params.filter.particles, seed)
     return RefinedGridFilter(GridFilter(params.filter, seed, threads), params.graph)
 
 
