@@ -1,4 +1,4 @@
-"""The wiring tables of docs/hardware.md and the sources of both boards name the same pins for the same things."""
+"""The wiring tables of docs/hardware.md and the sources of all boards name the same pins for the same things."""
 
 import re
 from pathlib import Path
@@ -11,6 +11,7 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "hardware.md").read_text(
 FILES = {
     "Drive board": ("drive_board.c", "pwm", "encoders", "twi", "uart"),
     "Sensor board": ("sensor_board.c", "capture", "uart"),
+    "Maze Runner's motor board": ("motor_board.c", "uart"),
 }
 HOUSING = {  # 40-pin DIP: where each port's bit 0 is, and which way it counts
     "A": (40, -1),
