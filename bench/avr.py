@@ -1,4 +1,4 @@
-"""What the boards' programs take of their ATmega32s in flash, RAM and time, and how fast the pair simulates."""
+"""What the boards' programs take of their ATmega32s in flash, RAM and time, and how fast they simulate."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ import re
 import subprocess
 import time
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from bench.benchmark import Bench, Column, Record, Row, each, figures, runs, values_of
 from bench.boards import Rider, hall
+from firmware.virtual.avr.motor_board import AvrMotorBoard
 from firmware.virtual.avr.programs import Imu, programs
-from server.channels import DRIVE, SENSOR
-from server.messages import AdjustCommand
+from server.channels import DRIVE, MOTOR, SENSOR, STATUS, encode_command, read
+from server.link import Decoder, encode
+from server.messages import AdjustCommand, PowersCommand
 
 FLASH, RAM = 32768, 2048  # bytes
 MHZ = 16
 STEP_CYCLES = 80_000  # of a control step of 5 ms
 SECONDS = 30.0
 PATIENCE = 1.5  # s for an adjustment, of which a record takes the longest
+REFRESH_MS = 100  # between powers
 
 
 class Board(NamedTuple):
@@ -40,6 +45,8 @@ def flash_of(board: Board) -> int:
 
 def run(board: Board, seed: int) -> Record:
     """Adjusted in all ways, reset by its watchdog, armed; then half a minute of driving, turning and standing."""
+    if board.source == MOTOR:
+        return run_motor(board, seed)
     rider = Rider(hall(12.0), (-4.0, 0.0, 0.0), seed, imu=board.imu)
     lib, microcontroller = rider.robot.lib, getattr(rider.robot.robot, board.name)
     adjust(rider, board.name)
@@ -47,23 +54,48 @@ def run(board: Board, seed: int) -> Record:
     rider.wait(PATIENCE)
     if not rider.arm():
         raise RuntimeError("the robot does not arm")
-    lib.microcontroller_longest_awake(microcontroller)  # the start is another matter
-    cycle, slept = lib.microcontroller_cycle(microcontroller), lib.microcontroller_slept(microcontroller)
-    began = time.process_time()
+    watch = Watch(lib, microcontroller)
     for wish in ((0.3, 0.0), (0.0, 1.0), (0.0, 0.0)):
         rider.tell(*wish)
         rider.wait(SECONDS / 3.0)
-    worked = time.process_time() - began
-    passed = lib.microcontroller_cycle(microcontroller) - cycle
-    return {
-        "seed": seed,
-        "flash": flash_of(board),
-        "ram": RAM - lib.microcontroller_untouched(microcontroller),
-        "step": rider.statuses[board.source][6] * MHZ,
-        "awake": lib.microcontroller_longest_awake(microcontroller),
-        "asleep": 100.0 * (lib.microcontroller_slept(microcontroller) - slept) / passed,
-        "speed": SECONDS / worked,
-    }
+    return {"seed": seed, "flash": flash_of(board), "step": rider.statuses[board.source][6] * MHZ, **watch.figures()}
+
+
+def run_motor(board: Board, seed: int) -> Record:
+    """Reset by its watchdog; then half a minute of powers that are refreshed and reversed."""
+    made, decoder, rng = AvrMotorBoard(), Decoder(), np.random.default_rng(seed)
+    made.run(REFRESH_MS)
+    made.lib.microcontroller_hang(made.mcu, True)
+    frames = decoder.feed(made.run(round(1000 * PATIENCE)))
+    watch = Watch(made.lib, made.mcu)
+    for i in range(round(1000 * SECONDS / REFRESH_MS)):
+        powers = PowersCommand(rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0), 0.3)
+        made.receive(encode(encode_command(powers, i % 256, frames[-1].time_ms)))
+        frames += decoder.feed(made.run(REFRESH_MS))
+    status = [read(frame) for frame in frames if frame.channel == STATUS][-1]
+    return {"seed": seed, "flash": flash_of(board), "step": status[6] * MHZ, **watch.figures()}
+
+
+class Watch:
+    """What a microcontroller does from now on."""
+
+    def __init__(self, lib: Any, microcontroller: Any) -> None:
+        self.lib, self.microcontroller = lib, microcontroller
+        lib.microcontroller_longest_awake(microcontroller)  # the start is another matter
+        self.cycle, self.slept = lib.microcontroller_cycle(microcontroller), lib.microcontroller_slept(microcontroller)
+        self.began = time.process_time()
+
+    def figures(self) -> Record:
+        """RAM ever touched (bytes), longest time awake (cycles), asleep (%), times as fast as the clock."""
+        worked = time.process_time() - self.began
+        lib, microcontroller = self.lib, self.microcontroller
+        passed = lib.microcontroller_cycle(microcontroller) - self.cycle
+        return {
+            "ram": RAM - lib.microcontroller_untouched(microcontroller),
+            "awake": lib.microcontroller_longest_awake(microcontroller),
+            "asleep": 100.0 * (lib.microcontroller_slept(microcontroller) - self.slept) / passed,
+            "speed": passed / (1e6 * MHZ) / worked,
+        }
 
 
 def adjust(rider: Rider, board: str) -> None:
@@ -105,11 +137,12 @@ BOARDS = {
     "drive board": Board("drive", DRIVE),
     "drive board, IMU=mpu6050": Board("drive", DRIVE, "mpu6050"),
     "sensor board": Board("sensor", SENSOR),
+    "motor board": Board("motor", MOTOR),
 }
 
 BENCH = Bench(
     name="avr",
-    about="what the boards' programs take of their ATmega32s, and how fast the pair simulates",
+    about="what the boards' programs take of their ATmega32s, and how fast they simulate",
     rows=each(run, BOARDS),
     columns=(
         Column("flash (bytes)", of("flash", FLASH)),
@@ -117,7 +150,7 @@ BENCH = Bench(
         Column("worst step it tells (cycles, share of 5 ms)", of("step", STEP_CYCLES)),
         Column("longest between two sleeps (the same)", of("awake", STEP_CYCLES)),
         Column("asleep: median (%)", figures("asleep", 0, 0.5)),
-        Column("pair: x real time of a core", figures("speed", 1, 0.5)),
+        Column("pair, or motor board: x real time of a core", figures("speed", 1, 0.5)),
         Column("runs", runs),
     ),
     seeds=3,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from functools import cached_property
 from typing import NamedTuple
 
@@ -26,7 +26,9 @@ from server.messages import (
     DriveCommand,
     LastWords,
     Message,
+    Motors,
     Power,
+    PowersCommand,
     Ranges,
     Setting,
     Status,
@@ -37,8 +39,9 @@ from slam.params import Params
 
 PROTOCOL_VERSION = 1
 VERSION_BYTE = bytes((PROTOCOL_VERSION,))
-HOST, DRIVE, SENSOR = 0, 1, 2
-SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor"}
+HOST, DRIVE, SENSOR, MOTOR = 0, 1, 2, 3
+SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor", MOTOR: "motor"}
+DRIVERS = (DRIVE, MOTOR)  # the boards that move their robots; a robot has one of them
 STATES = ("disarmed", "armed", "fallen", "link lost", "fault")
 REASONS = (
     "none", "command", "fell", "link", "stall", "current", "battery", "sensor", "charger", "boot",
@@ -59,6 +62,8 @@ MAX_ECHO_US = SONAR_SLOT_MS * 1000  # a later echo belongs to another slot
 MAX_COUNT = 1023
 MAX_TILT = 31416  # 0.1 mrad: half a turn
 MAX_DUTY = 127
+FULL_POWER = 10_000
+MAX_DEADLINE_MS = 1000
 MAX_MILLIVOLTS = 60_000
 MAX_MILLIAMPERES = 30_000
 
@@ -152,6 +157,18 @@ def _power(values: tuple, t: float, _calibration: Calibration, _source: int) -> 
     return [Power(t, *(value * 1e-3 for value in values))]
 
 
+def _is_motors(values: tuple) -> bool:
+    left, right, battery_mv, state, reason, _ = values
+    is_power = max(abs(left), abs(right)) <= FULL_POWER
+    return is_power and battery_mv <= MAX_MILLIVOLTS and _is_state(state, reason)
+
+
+def _motors(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
+    left, right, battery_mv, state, reason, acknowledged = values
+    powers = (left / FULL_POWER, right / FULL_POWER)
+    return [Motors(t, *powers, battery_mv * 1e-3, STATES[state], REASONS[reason], acknowledged)]
+
+
 def _is_sonar(values: tuple) -> bool:
     return all(echo_us <= MAX_ECHO_US or echo_us == NO_RETURN for echo_us in values)
 
@@ -191,14 +208,19 @@ def _setting(values: tuple, t: float, _: Calibration, source: int) -> list[Messa
     return [Setting(t, *asked, OUTCOMES[outcome], RECORDS[record], bool(is_stored), value)]
 
 
-STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, SETTING, LAST_WORDS = 1, 2, 3, 4, 5, 6, 7, 8
-DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND, ADJUST_COMMAND = 16, 17, 18, 19
+STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, SETTING, LAST_WORDS, MOTORS = 1, 2, 3, 4, 5, 6, 7, 8, 9
+DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND, ADJUST_COMMAND, POWERS_COMMAND = 16, 17, 18, 19, 20
 
 CHANNELS: dict[int, Channel] = {
     row.number: row
     for row in (
         Channel(
-            STATUS, "status", struct.Struct("<BBBBIHHHH"), (DRIVE, SENSOR), lambda v: _is_state(v[1], v[2]), _status
+            STATUS,
+            "status",
+            struct.Struct("<BBBBIHHHH"),
+            (DRIVE, SENSOR, MOTOR),
+            lambda v: _is_state(v[1], v[2]),
+            _status,
         ),
         Channel(ODOMETRY, "odometry", struct.Struct("<hhh"), (DRIVE,), lambda v: abs(v[2]) <= MAX_TILT, _odometry),
         Channel(
@@ -213,6 +235,7 @@ CHANNELS: dict[int, Channel] = {
         Channel(
             LAST_WORDS, "last_words", struct.Struct("<BBII"), (DRIVE,), lambda v: _is_state(v[0], v[1]), _last_words
         ),
+        Channel(MOTORS, "motors", struct.Struct("<hhHBBB"), (MOTOR,), _is_motors, _motors),
         Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _is_sonar, _sonar),
         Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), lambda v: max(v) <= MAX_COUNT, _infrared),
         Channel(SETTING, "setting", struct.Struct("<BBBBBBfI"), (DRIVE, SENSOR), _is_setting, _setting),
@@ -220,16 +243,17 @@ CHANNELS: dict[int, Channel] = {
         Channel(STOP_COMMAND, "stop", struct.Struct("<HI"), (HOST,), None, None),
         Channel(ARM_COMMAND, "arm", struct.Struct("<HHI"), (HOST,), None, None),
         Channel(ADJUST_COMMAND, "adjust", struct.Struct("<BBBfHI"), (HOST,), None, None),
+        Channel(POWERS_COMMAND, "powers", struct.Struct("<hhHHI"), (HOST,), None, None),
     )
 }
 
 
-def read(frame: Frame) -> tuple:
-    """The raw numbers of a frame's payload; Refused where no board of ours can have sent it."""
+def read(frame: Frame, boards: Container[int] = SOURCES) -> tuple:
+    """The raw numbers of a frame's payload; Refused where none of these boards can have sent it."""
     channel = CHANNELS.get(frame.channel)
     if channel is None:
         raise Refused("unknown")
-    if channel.is_plausible is None or frame.source not in channel.sources:
+    if channel.is_plausible is None or frame.source not in channel.sources or frame.source not in boards:
         raise Refused("source")
     if frame.channel == STATUS and frame.payload[:1] != VERSION_BYTE:
         raise Refused("version")  # before the length, which another version may have changed
@@ -270,6 +294,8 @@ def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:
             number, body = STOP_COMMAND, struct.pack("<H", echo_ms)
         case ArmCommand(armed):
             number, body = ARM_COMMAND, struct.pack("<HH", int(armed), echo_ms)
+        case PowersCommand():
+            number, body = POWERS_COMMAND, pack_powers(command, echo_ms)
         case AdjustCommand():
             number, body = ADJUST_COMMAND, pack_adjustment(command, echo_ms)
         case _:
@@ -286,9 +312,22 @@ def pack_adjustment(command: AdjustCommand, echo_ms: int) -> bytes:
         raise ValueError(f"{command.value} does not fit an adjustment") from None
 
 
+def pack_powers(command: PowersCommand, echo_ms: int) -> bytes:
+    """The motors' payload before its check; ValueError for powers beyond full, and for a deadline that is none."""
+    powers, deadline_ms = (command.left, command.right), command.deadline * 1e3
+    if not (all(abs(power) <= 1.0 for power in powers) and 1.0 <= deadline_ms <= MAX_DEADLINE_MS):
+        raise ValueError(f"{command} does not fit a command")
+    return struct.pack("<hhHH", *(round(power * FULL_POWER) for power in powers), round(deadline_ms), echo_ms)
+
+
 def addressee(command: Command) -> int:
-    """The source number of the board that a command is for."""
-    return SENSOR if isinstance(command, AdjustCommand) and command.board == SOURCES[SENSOR] else DRIVE
+    """The source number of the board that a command is for; a stop is for either that moves its robot."""
+    match command:
+        case PowersCommand():
+            return MOTOR
+        case AdjustCommand(board=board) if board == SOURCES[SENSOR]:
+            return SENSOR
+    return DRIVE
 
 
 def milli(value: float) -> int:

@@ -1,4 +1,4 @@
-"""`crunch firmware`: build the two boards' programs, see how big they are, and write them with a programmer.
+"""`crunch firmware`: build the boards' programs, see how big they are, and write them with a programmer.
 
 Works in a checkout, where firmware/Makefile is; the tools are borrowed (make, avr-gcc, avr-size, avrdude).
 """
@@ -24,7 +24,7 @@ CHIP = "m32"
 FUSES = {"lfuse": 0x3F, "hfuse": 0x81}  # crystal of 16 MHz, brown-out at 4 V; full swing, the EEPROM outlives flashing
 
 app = typer.Typer(
-    name="firmware", help="Build and flash the programs of the robot's two boards.", rich_markup_mode=None
+    name="firmware", help="Build and flash the programs of the robots' boards.", rich_markup_mode=None
 )
 
 
@@ -36,19 +36,20 @@ class Imu(StrEnum):
 
 
 class Board(StrEnum):
-    """Which of the two."""
+    """Crunch's two, and Maze Runner's."""
 
     DRIVE = "drive"
     SENSOR = "sensor"
+    MOTOR = "motor"
 
 
 Parts = Annotated[Imu, typer.Option("--imu", help="The drive board's gyro and accelerometer.")]
-Which = Annotated[Board | None, typer.Option("--board", help="Only this one.", show_default="both")]
+Which = Annotated[Board | None, typer.Option("--board", help="Only this one.", show_default="all")]
 
 
 @app.command()
 def build(board: Which = None, imu: Parts = Imu.ANALOGUE) -> None:
-    """Compile both boards' programs, and print how big they are.
+    """Compile the boards' programs, and print how big they are.
 
     \b
         crunch firmware build
@@ -112,7 +113,7 @@ def run(command: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 def make_programs(imu: Imu) -> Path:
-    """Both programs, up to date; the folder that they are in."""
+    """All programs, up to date; the folder that they are in."""
     if not (FIRMWARE / "Makefile").is_file():
         raise UserError(
             f"the boards' programs are not in {FIRMWARE}, for they are not installed with crunch; "
@@ -132,7 +133,7 @@ def complaint(text: str) -> str:
 
 
 def print_sizes(built: Path, board: Board | None) -> None:
-    """Flash and static memory of one program or both."""
+    """Flash and static memory of one program or of all."""
     for one in [board] if board else list(Board):
         told = run(["avr-size", "-C", "--mcu=atmega32", str(built / f"{one}.elf")])
         if told.returncode != 0:

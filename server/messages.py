@@ -71,8 +71,22 @@ class Power:
 
 
 @dataclass(frozen=True, slots=True)
+class Motors:
+    """What the motor board gives its motors now (powers in -1..1, shares of full), its battery (V), state, last stop's
+    reason."""
+
+    t: float
+    left: float
+    right: float
+    battery_volts: float
+    state: str
+    reason: str
+    acknowledged: int
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
-    """A board's once-a-second word about itself; `board` is 'drive' or 'sensor', uptime and worst loop in seconds."""
+    """A board's once-a-second word about itself; `board` is 'drive', 'sensor' or 'motor'; uptime, worst loop in s."""
 
     t: float
     board: str
@@ -214,6 +228,15 @@ class ArmCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class PowersCommand:
+    """Give the motors these powers (-1..1, shares of full) until the deadline (s, at most 1), unless told again."""
+
+    left: float
+    right: float
+    deadline: float
+
+
+@dataclass(frozen=True, slots=True)
 class AdjustCommand:
     """Ask a board for a setting or set it, store all of them, take the built-in ones, zero the gyro: see `channels`."""
 
@@ -285,7 +308,20 @@ class Snapshot:
 
 
 Message = (
-    Wheels | Odometry | Ranges | Balance | Power | Status | LastWords | Setting | Drive | Goal | Stop | Arm | Estimate
+    Wheels
+    | Odometry
+    | Ranges
+    | Balance
+    | Power
+    | Motors
+    | Status
+    | LastWords
+    | Setting
+    | Drive
+    | Goal
+    | Stop
+    | Arm
+    | Estimate
 )
-Command = DriveCommand | StopCommand | ArmCommand | AdjustCommand
-Effect = DriveCommand | StopCommand | ArmCommand | Keyframe
+Command = DriveCommand | StopCommand | ArmCommand | PowersCommand | AdjustCommand
+Effect = DriveCommand | StopCommand | ArmCommand | PowersCommand | Keyframe

@@ -39,20 +39,30 @@ class Sink(Protocol):
 
 
 class Session:
-    """Routes bytes to messages to the robot, counts what was refused, and gives commands their numbers and echoes."""
+    """Routes bytes to messages to the robot, counts what was refused, and gives commands their numbers and echoes.
 
-    def __init__(self, robot: Robot, calibration: channels.Calibration, sink: Sink | None = None) -> None:
+    `boards` are the source numbers of the robot's, of which exactly one drives; nobody else is believed.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        calibration: channels.Calibration,
+        sink: Sink | None = None,
+        boards: tuple[int, ...] = (channels.DRIVE, channels.SENSOR),
+    ) -> None:
         self.robot = robot
         self.calibration = calibration
         self.sink = sink
         self.t = 0.0  # newest time that came in
         self.decoders: dict[str, link.Decoder] = {}
-        self.clocks = {source: BoardClock() for source in channels.SOURCES if source != channels.HOST}
+        self.clocks = {source: BoardClock() for source in boards}
+        [self.driver] = [source for source in boards if source in channels.DRIVERS]
         self.health_of = {source: SourceHealth() for source in self.clocks}
         self.frames: Counter[str] = Counter()  # good ones, by channel
         self.refused: Counter[str] = Counter()  # by reason
         self.versions: dict[int, int] = {}  # of boards that speak another protocol
-        self.drive_link = ""  # where the drive board was last heard: commands go there
+        self.drive_link = ""  # where the board that drives was last heard: commands go there
         self.sequence = 0  # of the host's next frame
 
     def receive(self, link_id: str, data: bytes, t: float) -> list[Effect]:
@@ -113,7 +123,7 @@ class Session:
         Only a frame that passed every sieve may touch the clock and the counters, so that noise cannot.
         """
         try:
-            values = channels.read(frame)
+            values = channels.read(frame, self.clocks)
         except channels.Refused as refused:
             self.refused[refused.reason] += 1
             if refused.reason == "version" and frame.payload:
@@ -127,7 +137,7 @@ class Session:
         elif frame.source in self.versions:
             self.refused["version"] += 1
             return []
-        if frame.source == channels.DRIVE:
+        if frame.source == self.driver:
             self.drive_link = link_id
         self.frames[channels.CHANNELS[frame.channel].name] += 1
         sampled = clock.to_host(frame.time_ms, arrival)
@@ -135,7 +145,8 @@ class Session:
         return channels.convert(frame, values, sampled, self.calibration)
 
     def _frame(self, command: Command) -> bytes:
-        echo_ms = self.clocks[channels.addressee(command)].newest_ms
+        addressee = self.driver if isinstance(command, StopCommand) else channels.addressee(command)
+        echo_ms = self.clocks[addressee].newest_ms
         frame = channels.encode_command(command, self.sequence, echo_ms)
         self.sequence = (self.sequence + 1) % 256
         return link.encode(frame)

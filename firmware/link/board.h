@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * What both boards' main loops need of the hardware that both have; avr/board.c has it.
+ * What the boards' main loops need of the hardware that all of them have; avr/board.c has it.
  */
 #ifndef CRUNCH_LINK_BOARD_H
 #define CRUNCH_LINK_BOARD_H

@@ -20,10 +20,10 @@
 
 #define LINK_PROTOCOL_VERSION 1
 
-enum link_source { SOURCE_HOST = 0, SOURCE_DRIVE = 1, SOURCE_SENSOR = 2 };
+enum link_source { SOURCE_HOST = 0, SOURCE_DRIVE = 1, SOURCE_SENSOR = 2, SOURCE_MOTOR = 3 }; /* 3 is Maze Runner's */
 
 enum link_channel {
-    CHANNEL_STATUS = 1,   /* either board, 1 Hz */
+    CHANNEL_STATUS = 1,   /* any board, 1 Hz */
     CHANNEL_ODOMETRY = 2, /* drive board, 50 Hz */
     CHANNEL_BALANCE = 3,  /* drive board, 2 Hz, and at once when the state changes */
     CHANNEL_POWER = 4,    /* drive board, 1 Hz */
@@ -31,16 +31,20 @@ enum link_channel {
     CHANNEL_INFRARED = 6, /* sensor board, 25 Hz */
     CHANNEL_SETTING = 7,  /* either board: the answer to an adjustment */
     CHANNEL_LAST_WORDS = 8, /* drive board, 1 Hz after a start that left its memory intact */
+    CHANNEL_MOTORS = 9,   /* motor board, 50 Hz */
     CHANNEL_DRIVE = 16,   /* host: speed and turn rate; refreshed at 10 Hz while a driver holds the stick */
     CHANNEL_STOP = 17,    /* host: speed and turn to zero at once; sent three times */
     CHANNEL_ARM = 18,     /* host: let the drive board arm once it stands upright; 0 disarms */
-    CHANNEL_ADJUST = 19   /* host: a setting of one board asked for or changed, all of them stored, the gyro zeroed */
+    CHANNEL_ADJUST = 19,  /* host: a setting of one board asked for or changed, all of them stored, the gyro zeroed */
+    CHANNEL_POWERS = 20   /* host: the powers of the motor board's motors, and for how long */
 };
 
 #define SONAR_COUNT 8
 #define INFRARED_COUNT 8
 #define SONAR_SLOT_MS 40     /* even sonars fire at the frame's time, odd ones one slot later */
 #define SONAR_NO_RETURN 0xFFFF
+#define MOTOR_FULL_POWER 10000
+#define MOTOR_LONGEST_MS 1000 /* deadline */
 
 enum drive_state { DRIVE_DISARMED = 0, DRIVE_ARMED = 1, DRIVE_FALLEN = 2, DRIVE_LINK_LOST = 3, DRIVE_FAULT = 4 };
 
@@ -137,6 +141,15 @@ struct PACKED infrared_payload {
     uint16_t counts[INFRARED_COUNT]; /* 10-bit ADC */
 };
 
+struct PACKED motors_payload {
+    int16_t left_power;    /* applied now: -MOTOR_FULL_POWER to MOTOR_FULL_POWER is full reverse to full forward */
+    int16_t right_power;
+    uint16_t battery_mv;
+    uint8_t state;
+    uint8_t reason;
+    uint8_t acknowledged;  /* sequence of the last command accepted */
+};
+
 struct PACKED setting_payload {
     uint8_t verb;          /* of the adjustment that is answered, */
     uint8_t setting;
@@ -168,6 +181,14 @@ struct PACKED arm_payload {
     uint32_t check;
 };
 
+struct PACKED powers_payload {
+    int16_t left;          /* as in motors_payload; beyond full is refused */
+    int16_t right;
+    uint16_t deadline_ms;  /* the motors stop after it; 0 is refused, what is longer than the longest becomes that */
+    uint16_t echo_ms;      /* the motor board's newest frame time that the host has seen */
+    uint32_t check;
+};
+
 struct PACKED adjust_payload {
     uint8_t board;         /* the one that is meant, by its enum link_source */
     uint8_t verb;          /* enum adjust_verb */
@@ -188,9 +209,11 @@ _Static_assert(sizeof(struct power_payload) == 12, "packed");
 _Static_assert(sizeof(struct last_words_payload) == 10, "packed");
 _Static_assert(sizeof(struct sonar_payload) == 16, "packed");
 _Static_assert(sizeof(struct infrared_payload) == 16, "packed");
+_Static_assert(sizeof(struct motors_payload) == 9, "packed");
 _Static_assert(sizeof(struct drive_payload) == 10, "packed");
 _Static_assert(sizeof(struct stop_payload) == 6, "packed");
 _Static_assert(sizeof(struct arm_payload) == 8, "packed");
+_Static_assert(sizeof(struct powers_payload) == 12, "packed");
 _Static_assert(sizeof(struct setting_payload) == 14, "packed");
 _Static_assert(sizeof(struct adjust_payload) == 13, "packed");
 _Static_assert(sizeof(float) == 4, "single, on both machines");

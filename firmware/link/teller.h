@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * How either board speaks: it numbers and stamps its frames and puts them into its outbox. Also the status frame, which
- * both boards have.
+ * How any board speaks: it numbers and stamps its frames and puts them into its outbox. Also the status frame, which
+ * all boards have.
  */
 #ifndef CRUNCH_LINK_TELLER_H
 #define CRUNCH_LINK_TELLER_H

@@ -22,7 +22,7 @@ def need_simavr() -> None:
 
 @cache
 def built() -> Programs:
-    """Both programs, built."""
+    """All programs, built."""
     need_simavr()
     return programs()
 

@@ -21,7 +21,7 @@ from firmware.virtual.native import (
 )
 from tests.tools import miss
 
-PURE = ("link", "drive", "sensor")
+PURE = ("link", "drive", "sensor", "motor")
 CHECKED = {"avr8": (*PURE, "avr"), "native": ("virtual", "fuzz")}  # by cppcheck, with all folders in them
 
 
@@ -91,7 +91,17 @@ def test_firmware_keeps_no_state_of_its_own(tmp_path):
 
 def test_packed_structures_are_read_from_the_header():
     ffi = native().ffi
-    sizes = {"odometry": 6, "balance": 9, "power": 12, "status": 16, "sonar": 16, "infrared": 16, "drive": 10}
+    sizes = {
+        "odometry": 6,
+        "balance": 9,
+        "power": 12,
+        "status": 16,
+        "sonar": 16,
+        "infrared": 16,
+        "drive": 10,
+        "motors": 9,
+        "powers": 12,
+    }
     assert {name: ffi.sizeof(f"struct {name}_payload") for name in sizes} == sizes
 
 

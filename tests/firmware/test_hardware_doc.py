@@ -1,4 +1,4 @@
-"""The wiring tables of docs/hardware.md and the sources of both boards name the same pins for the same things."""
+"""The wiring tables of docs/hardware.md and the sources of all boards name the same pins for the same things."""
 
 import re
 from pathlib import Path
@@ -11,6 +11,7 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "hardware.md").read_text(
 FILES = {
     "Drive board": ("drive_board.c", "pwm", "encoders", "twi", "uart"),
     "Sensor board": ("sensor_board.c", "capture", "uart"),
+    "Maze Runner's motor board": ("motor_board.c", "uart"),
 }
 HOUSING = {  # 40-pin DIP: where each port's bit 0 is, and which way it counts
     "A": (40, -1),
@@ -80,18 +81,24 @@ def test_analogue_inputs_stand_in_the_order_of_the_sources():
         assert used("Drive board")[port].startswith(word)
 
 
-def constant(name):
-    value = re.search(rf"#define {name} (\d+)L?\b", (FIRMWARE / "drive" / "power.c").read_text())
+def test_the_motor_board_s_battery_is_where_its_source_has_it():
+    assert re.search(r"enum \{ BATTERY = 3 \}", text("Maze Runner's motor board"))
+    assert used("Maze Runner's motor board")["PA3"] == "battery voltage"
+
+
+def constant(name, file="drive/power.c"):
+    value = re.search(rf"#define {name} (\d+)L?\b", (FIRMWARE / file).read_text())
     assert value is not None
     return int(value[1])
 
 
 def test_resistors_make_the_scales_of_the_program():
+    drive = constant("DIVIDER_FULL_MV")
+    scales = [drive, drive, constant("BATTERY_FULL_MV", "motor/battery.c")]
     dividers = re.findall(r"([\d.]+) kohm over ([\d.]+) kohm", PAGE)
-    assert len(dividers) == 2
-    for upper, lower in dividers:
+    for (upper, lower), scale in zip(dividers, scales, strict=True):
         full = 5000.0 * (float(upper) + float(lower)) / float(lower)
-        assert full == pytest.approx(constant("DIVIDER_FULL_MV"), rel=0.005)
+        assert full == pytest.approx(scale, rel=0.005)
     ((ohms, micro),) = {
         (r, u) for r in re.findall(r"([\d.]+) kohm to GND, 10 nF", PAGE) for u in re.findall(r"(\d+) uA", PAGE)
     }

@@ -1,7 +1,7 @@
 """The same C, compiled for the ATmega32 and for this machine, computes the same bits.
 
-Twice: the drive board's whole loop, and each of its pure files by itself on random input. The link is in both, for they
-tell frames and judge commands; the sensor board's files and the MPU-6050's have no floats.
+Twice: the drive board's whole loop, and each of its pure files by itself on random input, the motor board's among them. The
+link is in both, for they tell frames and judge commands; the sensor board's files and the MPU-6050's have no floats.
 """
 
 import os
@@ -16,12 +16,12 @@ from firmware.virtual.native import FLAGS, WARNINGS, compiler, files
 from tests.firmware.avr_tools import Microcontroller, compiled, need_simavr
 
 HERE = Path(__file__).parent / "parity"
-PURE = files(("link", "drive"), "*.c")
+PURE = files(("link", "drive", "motor"), "*.c")
 STEPS = int(os.environ.get("PARITY_STEPS", "600"))  # 10000 where there is time: a minute
 MAX_STEP = 225
 MODULES = {  # bytes told
     "tilt": 42, "odometry": 32, "agreement": 13, "balance": 36, "command": 9, "supervisor": 23,
-    "settings": 7, "power": 12,
+    "settings": 7, "power": 12, "motor": 24,
 }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from tests.firmware.sanitizers import ROOT, python
 SUITES = {
     "link": ["test_link_c.py", "test_line.py"],
     "boards": ["test_drive_c.py", "test_supervisor_c.py", "test_sensor_c.py"],
+    "motor board": ["test_motor_c.py"],
     "gyro on a bus": ["test_imu.py", "-k", "set_up or is_told or rails or stays_away"],
     "virtual robot": ["test_virtual_crunch.py", "test_rangefinders.py", "test_scripted.py", "test_drift.py"],
     "simulated boards": ["test_avr.py", "test_imu.py", "-k", "same_seed"],

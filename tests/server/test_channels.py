@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from server import channels, link
-from server.channels import CHANNELS, DRIVE, HOST, SENSOR, Calibration, Refused, decode, encode_command, read
+from server.channels import CHANNELS, DRIVE, HOST, MOTOR, SENSOR, Calibration, Refused, decode, encode_command, read
 from server.link import Frame
 from server.messages import (
     AdjustCommand,
@@ -20,7 +20,9 @@ from server.messages import (
     Balance,
     DriveCommand,
     LastWords,
+    Motors,
     Power,
+    PowersCommand,
     Ranges,
     Setting,
     Status,
@@ -43,6 +45,8 @@ FIELDS = {
     "stop": "echo_ms check",
     "arm": "arm echo_ms check",
     "adjust": "board verb setting value echo_ms check",
+    "motors": "left_power right_power battery_mv state reason acknowledged",
+    "powers": "left right deadline_ms echo_ms check",
 }
 
 ENUMS = {
@@ -111,6 +115,8 @@ def claims():
     yield f"LINK_PROTOCOL_VERSION == {channels.PROTOCOL_VERSION}"
     yield f"SONAR_SLOT_MS == {channels.SONAR_SLOT_MS}"
     yield f"SONAR_NO_RETURN == {channels.NO_RETURN}"
+    yield f"MOTOR_FULL_POWER == {channels.FULL_POWER}"
+    yield f"MOTOR_LONGEST_MS == {channels.MAX_DEADLINE_MS}"
     yield f"LINK_MAX_PAYLOAD == {link.MAX_PAYLOAD}"
     yield f"LINK_MAX_ENCODED == {link.MAX_ENCODED}"
     yield f"LINK_MAX_PAYLOAD >= {max(row.payload.size for row in CHANNELS.values())}"
@@ -128,7 +134,12 @@ def test_the_compiler_reads_the_header_as_the_table_does(tmp_path):
 def test_the_table_has_a_row_for_every_channel_and_name_of_the_header():
     text = HEADER.read_text()
     enums = [(prefix, len(names)) for prefix, names in ENUMS.items()]
-    for prefix, n in [("CHANNEL", len(CHANNELS)), ("SOURCE", 3), ("STOP", len(channels.REASONS)), *enums]:
+    for prefix, n in [
+        ("CHANNEL", len(CHANNELS)),
+        ("SOURCE", len(channels.SOURCES)),
+        ("STOP", len(channels.REASONS)),
+        *enums,
+    ]:
         assert len({word.strip(",;") for word in text.split() if word.startswith(f"{prefix}_")}) == n
     assert text.count("DRIVE_") == len(channels.STATES)
 
@@ -152,6 +163,11 @@ def test_balance():
 def test_power():
     [power] = decode(frame(channels.POWER, DRIVE, 29_500, -1500, 0, 0, 700, 800), 2.0, CALIBRATION)
     assert_about(power, Power(2.0, 29.5, -1.5, 0.0, 0.0, 0.7, 0.8))
+
+
+def test_motors():
+    [motors] = decode(frame(channels.MOTORS, MOTOR, -10_000, 2500, 11_800, 3, 3, 9), 2.0, CALIBRATION)
+    assert_about(motors, Motors(2.0, -1.0, 0.25, 11.8, "link lost", "link", 9))
 
 
 def test_an_answer_names_what_was_asked_and_what_came_of_it():
@@ -213,6 +229,11 @@ def test_infrared_beyond_its_reach_is_no_return_and_no_count_is_negative():
         frame(channels.BALANCE, DRIVE, 0, 0, 0, 0, 0, len(channels.REASONS), 0),
         frame(channels.POWER, DRIVE, 60_001, 0, 0, 0, 0, 0),
         frame(channels.POWER, DRIVE, 0, 0, 0, 0, 0, -30_001),
+        frame(channels.MOTORS, MOTOR, 10_001, 0, 0, 0, 0, 0),
+        frame(channels.MOTORS, MOTOR, 0, -10_001, 0, 0, 0, 0),
+        frame(channels.MOTORS, MOTOR, 0, 0, 60_001, 0, 0, 0),
+        frame(channels.MOTORS, MOTOR, 0, 0, 0, 5, 0, 0),
+        frame(channels.MOTORS, MOTOR, 0, 0, 0, 0, len(channels.REASONS), 0),
         answer(verb=len(channels.VERBS)),
         answer(setting=len(channels.SETTINGS)),
         answer(outcome=len(channels.OUTCOMES)),
@@ -258,7 +279,7 @@ def test_unknown_channels_and_other_versions_are_told_apart():
 
 
 def test_our_own_commands_coming_back_are_refused():
-    for command in (DriveCommand(0.1, 0.2), StopCommand(), ArmCommand(True)):
+    for command in (DriveCommand(0.1, 0.2), StopCommand(), ArmCommand(True), PowersCommand(0.1, 0.2, 0.3)):
         with pytest.raises(Refused, match="source"):
             read(encode_command(command, 0, 0))
 
@@ -287,6 +308,47 @@ def test_stop_and_arm_commands():
 def test_a_command_no_robot_can_mean_is_a_mistake(speed):
     with pytest.raises(ValueError, match="does not fit a command"):
         encode_command(DriveCommand(speed, 0.0), 0, 0)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.001, 1.0), st.integers(0, 65535))
+def test_powers_carry_their_deadline_their_check_and_the_echo(left, right, deadline, echo_ms):
+    sent = encode_command(PowersCommand(left, right, deadline), 5, echo_ms)
+    assert (sent.source, sent.channel) == (HOST, channels.POWERS_COMMAND)
+    *fields, check = CHANNELS[sent.channel].payload.unpack(sent.payload)
+    assert fields[:2] == [pytest.approx(10_000 * power, abs=0.5) for power in (left, right)]
+    assert fields[2:] == [pytest.approx(1000 * deadline, abs=0.5), echo_ms]
+    assert check == zlib.crc32(sent.payload[:-4])
+
+
+@pytest.mark.parametrize(
+    "powers",
+    [
+        PowersCommand(1.001, 0.0, 0.3),
+        PowersCommand(0.0, -1.001, 0.3),
+        PowersCommand(0.0, math.nan, 0.3),
+        PowersCommand(0.0, 0.0, 0.0),
+        PowersCommand(0.0, 0.0, 1.001),
+        PowersCommand(0.0, 0.0, math.nan),
+    ],
+)
+def test_powers_beyond_full_and_deadlines_that_are_none_are_mistakes(powers):
+    with pytest.raises(ValueError, match="does not fit a command"):
+        encode_command(powers, 0, 0)
+
+
+def test_each_command_has_its_board():
+    commands = {
+        DriveCommand(0.1, 0.2): DRIVE, ArmCommand(True): DRIVE, AdjustCommand("drive", "ask", "tilt"): DRIVE,
+        AdjustCommand("sensor", "ask", "sonar_ms"): SENSOR, PowersCommand(0.1, 0.2, 0.3): MOTOR,
+    }  # fmt: skip
+    assert {command: channels.addressee(command) for command in commands} == commands
+
+
+def test_a_frame_of_a_board_that_the_robot_has_not_is_refused():
+    told = frame(channels.MOTORS, MOTOR, 0, 0, 11_800, 0, 9, 0)
+    assert read(told, (MOTOR,)) == read(told) == (0, 0, 11_800, 0, 9, 0)
+    with pytest.raises(Refused, match="source"):
+        read(told, (DRIVE, SENSOR))
 
 
 def test_an_adjustment_names_its_board_and_carries_its_check_and_the_echo():
@@ -322,7 +384,7 @@ def test_the_document_tells_the_table_s_sizes_and_the_budget():
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
     told = {int(row[0]): row for row in rows if len(row) == 7 and row[0].isdecimal()}
     assert set(told) == set(CHANNELS)
-    total = 0.0
+    crunch, maze_runner = 0.0, CHANNELS[channels.STATUS].payload.size + 8.0
     for number, channel in CHANNELS.items():
         _, name, sources, size, on_line, rate, load = told[number]
         assert name == channel.name
@@ -331,6 +393,10 @@ def test_the_document_tells_the_table_s_sizes_and_the_budget():
         if load:
             times, _, each = rate.split(",")[0].removesuffix(" while driven").rpartition(" x ")
             assert float(load) == int(on_line) * float(times or 1) * float(each)
-            total += float(load)
-    assert f"Together {total:,.0f} bytes per second" in text
-    assert total < 1920
+            if number in (channels.MOTORS, channels.POWERS_COMMAND):
+                maze_runner += float(load)
+            else:
+                crunch += float(load)
+    assert f"Together Crunch's take {crunch:,.0f} bytes per second" in text
+    assert f"Maze Runner's {maze_runner:,.0f}" in text
+    assert max(crunch, maze_runner) < 1920

@@ -18,6 +18,8 @@ from server.messages import (
     Effect,
     Goal,
     Message,
+    Motors,
+    PowersCommand,
     Ranges,
     Status,
     Stop,
@@ -72,6 +74,9 @@ class Boards:
 
     def status(self, source, ms, version=channels.PROTOCOL_VERSION):
         return self.frame(source, channels.STATUS, ms, version, 0, 0, 0, ms - self.boot_ms, self.boots, 0, 0, 0)
+
+    def motors(self, ms):
+        return self.frame(channels.MOTOR, channels.MOTORS, ms, 2500, -2500, 11_800, 1, 0, 7)
 
     def frames(self, start_ms, end_ms):
         for ms in range(start_ms, end_ms, 20):
@@ -274,6 +279,43 @@ def test_commands_go_where_the_drive_board_was_heard():
     assert session.drive_link == ""
     session.receive("a", link.encode(boards.frame(channels.DRIVE, channels.ODOMETRY, 0, 0, 0, 0)), 0.0)
     assert session.drive_link == "a"
+
+
+def motor_session():
+    robot = Echo()
+    session = Session(robot, Calibration(), boards=(channels.MOTOR,))
+    boards = Boards()
+    feed(session, [(0, boards.status(channels.MOTOR, 0)), *((ms, boards.motors(ms)) for ms in range(20, 5000, 20))])
+    return session, robot
+
+
+def test_a_robot_may_have_the_motor_board_alone():
+    session, robot = motor_session()
+    status, *motors = robot.heard
+    assert (status.board, len(motors)) == ("motor", 249)
+    assert {type(message) for message in motors} == {Motors}
+    np.testing.assert_allclose(np.diff([message.t for message in motors]), 0.02, atol=1e-6)
+    health = session.health(5.0)
+    assert (health["lost"], set(health["boards"])) == (0, {"motor"})
+    assert session.drive_link == "radio"
+
+
+def test_the_motor_board_s_commands_echo_its_own_time_a_stop_as_well():
+    session, _ = motor_session()
+    frames = sent_frames(session.encode(PowersCommand(0.5, -0.5, 0.3)) + session.encode(StopCommand()))
+    assert [frame.channel for frame in frames] == [channels.POWERS_COMMAND] + 3 * [channels.STOP_COMMAND]
+    assert struct.unpack("<hhHHI", frames[0].payload)[:4] == (5000, -5000, 300, 4980)
+    assert {struct.unpack("<HI", frame.payload)[0] for frame in frames[1:]} == {4980}
+
+
+def test_boards_of_another_robot_are_refused():
+    session, robot = motor_session()
+    before = len(robot.heard)
+    feed(session, Boards().frames(6000, 6001))
+    assert (len(robot.heard), session.refused) == (before, {"source": 5})
+    session, robot = new_session()
+    session.receive("radio", link.encode(Boards().motors(0)), 0.0)
+    assert (robot.heard, session.refused, session.drive_link) == ([], {"source": 1}, "")
 
 
 def test_frames_of_two_links_do_not_mix():

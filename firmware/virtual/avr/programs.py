@@ -25,15 +25,16 @@ class ProgramError(CompilerError):
 
 
 class Programs(NamedTuple):
-    """The two boards' ELF files."""
+    """The boards' ELF files: Crunch's two, and Maze Runner's."""
 
     drive: Path
     sensor: Path
+    motor: Path
 
 
 @functools.cache
 def programs(imu: Imu = "analogue") -> Programs:
-    """Both programs, up to date, for one kind of gyro. Raises ProgramError with the first complaint."""
+    """All programs, up to date, for one kind of gyro. Raises ProgramError with the first complaint."""
     if shutil.which("avr-gcc") is None or shutil.which("make") is None:
         raise ProgramError(f"no avr-gcc or no make here (Debian/Ubuntu: apt-get install {PACKAGES})")
     if not (FIRMWARE / "Makefile").exists():
@@ -47,11 +48,11 @@ def programs(imu: Imu = "analogue") -> Programs:
         complaint = next((line for line in made.stderr.splitlines() if "error" in line), made.stderr.strip())
         raise ProgramError(f"the boards' programs do not build: {complaint}")
     folder = BUILT / ("avr" if imu == "analogue" else f"avr-{imu}")
-    return Programs(folder / "drive.elf", folder / "sensor.elf")
+    return Programs(*(folder / f"{board}.elf" for board in Programs._fields))
 
 
 def simulator() -> Native:
-    """The virtual robot's library with both boards under simavr in it. Raises ProgramError."""
+    """The virtual robot's library with the boards under simavr in it. Raises ProgramError."""
     try:
         return native((*FOLDERS, "virtual/avr"))
     except (CompilerError, OSError) as error:

@@ -38,7 +38,7 @@ class AvrCrunch(OnAir):
         self.ffi, self.lib, self.world = ffi, lib, world
         walls = ffi.cast("struct caster *", int(native().ffi.cast("uintptr_t", world.caster)))  # the same C made both
         place = ffi.new("double[3]", [float(v) for v in (world.start if start is None else start)])
-        made = lib.avr_robot_new(*(bytes(path) for path in paths), walls, place, seed % 2**64)
+        made = lib.avr_robot_new(bytes(paths.drive), bytes(paths.sensor), walls, place, seed % 2**64)
         if made == ffi.NULL:
             raise ProgramError(f"simavr cannot read {paths.drive} or {paths.sensor}")
         self.robot: Any = ffi.gc(made, lib.avr_robot_free)

@@ -21,6 +21,8 @@ void modules_init(struct modules *modules, uint32_t seed)
     balance_init(&modules->balance);
     supervisor_init(&modules->supervisor);
     drive_settings_init(&modules->settings);
+    motor_supervisor_init(&modules->motor_supervisor, STOP_BOOT);
+    ramp_init(&modules->ramp);
 }
 
 /* Marsaglia's xorshift. */
@@ -197,6 +199,44 @@ static void step_power(struct modules *modules, struct writer *writer)
     tell(writer, &supplies, sizeof supplies);
 }
 
+/* Powers as the host would send them, sometimes stale or beyond full, or a stop. */
+static struct motor_command draw_powers(struct modules *modules)
+{
+    struct frame frame = {.source = SOURCE_HOST, .channel = CHANNEL_POWERS, .size = sizeof(struct powers_payload)};
+    struct powers_payload payload = {
+        .left = (int16_t)(draw_below(modules, 21001) - 10500), .right = (int16_t)(draw_below(modules, 21001) - 10500),
+        .deadline_ms = draw_below(modules, draw_below(modules, 2) == 0 ? 100 : 1500), .echo_ms = draw(modules),
+    };
+    payload.check = crc32_of((const uint8_t *)&payload, sizeof payload - sizeof payload.check);
+    memcpy(frame.payload, &payload, sizeof payload);
+    const uint16_t now_ms = (uint16_t)(payload.echo_ms + draw_below(modules, 1100));
+    struct motor_command command = motor_command_of_frame(&frame, now_ms);
+    if (draw_below(modules, 16) == 0)
+        command.kind = MOTOR_STOP;
+    return command;
+}
+
+/* Several ms, for a deadline and a battery's second to pass now and then. */
+static void step_motor(struct modules *modules, struct writer *writer)
+{
+    struct motor_supervisor *supervisor = &modules->motor_supervisor;
+    const struct motor_command command = draw_powers(modules);
+    motor_supervisor_obey(supervisor, &command);
+    if (draw_below(modules, 32) == 0)
+        modules->motor_sum = (uint16_t)(2300 + draw_below(modules, 800));
+    const uint16_t mv = battery_mv(modules->motor_sum);
+    for (uint16_t ms = draw_below(modules, 120); ms > 0; ms--) {
+        motor_supervisor_step(supervisor, mv);
+        ramp_step(&modules->ramp, supervisor->wanted[0]);
+    }
+    const uint16_t told[] = {
+        mv, (uint16_t)modules->ramp.power, modules->ramp.rested_ms, modules->ramp.is_reverse, supervisor->state,
+        supervisor->reason, supervisor->left_ms, supervisor->battery_ms, (uint16_t)supervisor->wanted[1],
+        supervisor->refused, (uint16_t)command.kind, command.deadline_ms,
+    };
+    tell(writer, told, sizeof told);
+}
+
 uint8_t modules_step(struct modules *modules, uint8_t out[MODULES_MAX_STEP])
 {
     struct writer writer = {out};
@@ -208,5 +248,6 @@ uint8_t modules_step(struct modules *modules, uint8_t out[MODULES_MAX_STEP])
     step_supervisor(modules, &writer);
     step_settings(modules, &writer);
     step_power(modules, &writer);
+    step_motor(modules, &writer);
     return (uint8_t)(writer.at - out);
 }
