@@ -325,3 +325,11 @@ Message = (
 )
 Command = DriveCommand | StopCommand | ArmCommand | PowersCommand | AdjustCommand
 Effect = DriveCommand | StopCommand | ArmCommand | PowersCommand | Keyframe
+
+
+def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:
+    """The estimate before the filter's first answer."""
+    return Estimate(
+        t, np.asarray(pose, float)[None], np.ones(1), np.asarray(pose, float)[None], 0, n_particles, float(n_particles),
+        0, 0.0, 0.0,
+    )  # fmt: skip

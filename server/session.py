@@ -10,12 +10,13 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
+from collections.abc import Collection
 from typing import Protocol
 
-from server import channels, link
+from server import channels, link, scip
 from server.clock import BoardClock
 from server.health import SourceHealth
-from server.messages import Arm, Command, Drive, Effect, Goal, Message, Stop, StopCommand
+from server.messages import Arm, Command, Drive, Effect, Goal, Message, Ranges, Stop, StopCommand
 from server.recording import Kind
 
 STOP_REPEATS = 3
@@ -41,7 +42,8 @@ class Sink(Protocol):
 class Session:
     """Routes bytes to messages to the robot, counts what was refused, and gives commands their numbers and echoes.
 
-    `boards` are the source numbers of the robot's, of which exactly one drives; nobody else is believed.
+    `boards` are the source numbers of the robot's, of which exactly one drives; nobody else is believed. On the links
+    of `lasers` a laser speaks SCIP 2.0 instead.
     """
 
     def __init__(
@@ -50,12 +52,14 @@ class Session:
         calibration: channels.Calibration,
         sink: Sink | None = None,
         boards: tuple[int, ...] = (channels.DRIVE, channels.SENSOR),
+        lasers: Collection[str] = (),
     ) -> None:
         self.robot = robot
         self.calibration = calibration
         self.sink = sink
         self.t = 0.0  # newest time that came in
         self.decoders: dict[str, link.Decoder] = {}
+        self.lasers = {link_id: (scip.Decoder(), scip.Stamps()) for link_id in lasers}
         self.clocks = {source: BoardClock() for source in boards}
         [self.driver] = [source for source in boards if source in channels.DRIVERS]
         self.health_of = {source: SourceHealth() for source in self.clocks}
@@ -70,6 +74,8 @@ class Session:
         self.t = t = whole_nanoseconds(t)
         if self.sink:
             self.sink.append(Kind.RX, link_id, data, t)
+        if link_id in self.lasers:
+            return self._sweep(*self.lasers[link_id], data, t)
         decoder = self.decoders.get(link_id)
         if decoder is None:
             decoder = self.decoders[link_id] = link.Decoder()
@@ -77,6 +83,15 @@ class Session:
         for frame in decoder.feed(data):
             for message in self._accept(frame, link_id, t):
                 effects.extend(self.robot.step(message))
+        return effects
+
+    def _sweep(self, decoder: scip.Decoder, stamps: scip.Stamps, data: bytes, t: float) -> list[Effect]:
+        """Effects of a laser's bytes."""
+        effects = []
+        for said in decoder.feed(data):
+            if isinstance(said, scip.Sweep):
+                self.frames["laser"] += 1
+                effects.extend(self.robot.step(Ranges(stamps.to_host(said.time_ms, t), "laser", said.ranges)))
         return effects
 
     def command(self, message: Drive | Goal | Stop | Arm, t: float) -> list[Effect]:
@@ -103,7 +118,8 @@ class Session:
         """What the link is worth at time t, for people: counts since the start and, per board, the last seconds."""
         return {
             "frames": dict(self.frames),
-            "rejected": sum(decoder.rejected for decoder in self.decoders.values()),
+            "rejected": sum(decoder.rejected for decoder in self.decoders.values())
+            + sum(decoder.rejected.total() for decoder, _ in self.lasers.values()),
             "refused": dict(self.refused),
             "lost": sum(health.lost for health in self.health_of.values()),
             "boards": {

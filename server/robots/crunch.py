@@ -34,6 +34,7 @@ from server.messages import (
     Stop,
     StopCommand,
     Wheels,
+    nothing_known,
 )
 from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
@@ -326,11 +327,3 @@ class Crunch:
     def walls_along(self, path: np.ndarray) -> list[np.ndarray]:
         """Wall curves (k, 2) in the world when the vertices stand at `path` (n, 3)."""
         return [transform(pose, curve) for pose, seen in zip(path, self.curves, strict=False) for curve in seen]
-
-
-def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:
-    """The estimate before the filter's first answer."""
-    return Estimate(
-        t, np.asarray(pose, float)[None], np.ones(1), np.asarray(pose, float)[None], 0, n_particles, float(n_particles),
-        0, 0.0, 0.0,
-    )  # fmt: skip

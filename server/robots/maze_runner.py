@@ -1,7 +1,8 @@
 """Maze Runner: one laser, and an odometry that may be no more than what the motors were told.
 
 Each scan is laid onto the last few metres (`slam.laser_odometry`), so that the odometry hardly matters; every half
-metre or half a radian is a vertex that saw the whole scan. Vertices stand where the laser does.
+metre or half a radian is a vertex that saw the whole scan. Vertices stand where the laser does. Uses its sibling
+`pilot`.
 """
 
 from __future__ import annotations
@@ -14,16 +15,39 @@ from pydantic import Field
 
 from server.channels import Calibration
 from server.formats.laser import SENSOR
-from server.messages import Effect, Estimate, Keyframe, Message, Odometry, Ranges
+from server.messages import (
+    Drive,
+    DriveCommand,
+    Effect,
+    Estimate,
+    Goal,
+    Keyframe,
+    Message,
+    Motors,
+    Odometry,
+    PowersCommand,
+    Ranges,
+    Snapshot,
+    Status,
+    Stop,
+    StopCommand,
+    nothing_known,
+)
+from server.robots.pilot import Pilot, Reins
 from slam.fastslam import FastSlam, FastSlamParams
+from slam.grid import Grid
 from slam.grid_filter import GridFilter, GridFilterParams
 from slam.laser_odometry import LaserOdometry, LaserOdometryParams
 from slam.laser_scan import LaserParams, ScanParams, rays_of, scan_of, walls_of
-from slam.motor_curve import MotorParams
+from slam.motor_curve import MotorOdometry, MotorParams
 from slam.params import Params
-from slam.pose import between, compose
+from slam.pose import between, compose, inverse, transform
 from slam.refined_grid_filter import RefinedGridFilter
 from slam.scan_graph import ScanGraphParams
+from slam.vfh import Vfh, VfhParams
+from slam.walls import Walls, curves
+
+SIGHT = 0.5  # s after which the last scan is too old to steer by
 
 
 class MazeRunnerParams(Params):
@@ -34,6 +58,13 @@ class MazeRunnerParams(Params):
     scan: ScanParams = ScanParams()
     vertex_spacing: float = Field(default=0.45, ge=0.05, le=5.0)  # m of path between vertices,
     vertex_turn: float = Field(default=0.4, ge=0.05, le=3.0)  # or rad
+    deadline: float = Field(default=0.5, gt=0.05, le=1.0)  # s after which the motors stop unless told again
+    goal_radius: float = Field(default=0.15, gt=0.0)  # m from the goal that count as there
+    look_ahead: float = Field(default=0.4, gt=0.0)  # m along a planned way to the point that is steered to
+    turn_gain: float = Field(default=2.0, gt=0.0)  # rad/s per rad of steering
+    max_turn: float = Field(default=0.8, gt=0.0)  # rad/s; faster turns bend what the laser sees
+    shown_reach: float = Field(default=2.0, gt=0.0)  # m of the local map around the robot that viewers get
+    vfh: VfhParams = VfhParams(robot_radius=0.13, clearance=0.06, max_speed=0.2)
     odometry: LaserOdometryParams = LaserOdometryParams()
     estimator: Literal["grids", "paper"] = "grids"  # what we hold best, or literally what the robot's authors have
     filter: GridFilterParams = GridFilterParams()
@@ -49,7 +80,10 @@ def make_estimator(params: MazeRunnerParams, seed: int = 0, threads: int = 1) ->
 
 
 class MazeRunner:
-    """The robot as a fold: `step(message)` gives effects."""
+    """The robot as a fold: `step(message)` gives effects, `snapshot()` what a viewer needs.
+
+    Odometry comes integrated, as in logs, or is reckoned from what the motors are given.
+    """
 
     def __init__(self, params: MazeRunnerParams):
         self.params = params
@@ -57,17 +91,33 @@ class MazeRunner:
         self.rays = rays_of(params.laser.bearings)
         self.mount = compose(params.laser.mount, np.array([0.0, 0.0, self.rays.offset]))
         self.follower = LaserOdometry(params.odometry)
+        self.reckoning = MotorOdometry(params.motors)
+        self.vfh = Vfh(params.vfh)
+        self.pilot = Pilot(self.vfh, Reins(params.goal_radius, params.look_ahead, params.turn_gain, params.max_turn))
         self.t = 0.0
-        self.odometry = np.zeros(3)  # as it was told
+        self.odometry = np.zeros(3)  # as it was told, or reckoned
         self.has_odometry = False
-        self.travelled = 0.0  # m since the last vertex
+        self.seen_at = np.zeros(3)  # the odometry when the newest scan was taken
+        self.looked = -math.inf  # when a scan came last
+        self.travelled = self.distance = 0.0  # m since the last vertex, and since the start
         self.vertices: list[np.ndarray] = []
         self.times: list[float] = []  # of the vertices
+        self.told: list[np.ndarray] = []  # odometry of the laser at the vertices
+        self.observations: list[Walls] = []
+        self.curves: list[list[np.ndarray]] = []
         self.estimate: Estimate | None = None
+        self.best_walls: list[np.ndarray] = []  # the map of the estimate
+        self.last_ranges = np.full(params.laser.beams, np.nan)
+        self.walls: Walls | None = None  # of the newest scan
+        self.motors: Motors | None = None
+        self.boards: dict[str, Status] = {}
 
     def step(self, message: Message) -> list[Effect]:
         """Take one message up; what follows from it."""
         match message:
+            case Motors():
+                self.reckoning.step(message.t, (message.left, message.right), message.battery_volts)
+                self.motors, self.t, self.odometry, self.has_odometry = message, message.t, self.reckoning.pose, True
             case Odometry():
                 self.t = message.t
                 self.odometry = np.array([message.x, message.y, message.theta])
@@ -76,25 +126,179 @@ class MazeRunner:
                 return self.look(message)
             case Estimate():
                 self.estimate = message
+                self.best_walls = self.walls_along(message.path)
+            case Drive(shared=True):
+                self.pilot.follow(message)
+                return self.steer() or [self.powers(0.0, 0.0)]
+            case Drive():
+                self.pilot.rest()
+                return [self.powers(message.speed, message.turn)]
+            case Goal(place=tuple()):
+                self.pilot.aim(message, self.pose())
+            case Goal() | Stop():
+                self.pilot.rest()
+                return [StopCommand()]
+            case Status():
+                self.boards[message.board] = message
         return []
 
     def look(self, message: Ranges) -> list[Effect]:
-        """Follow a scan; it is a vertex's where the robot has moved on."""
+        """Follow a scan, and steer by it; it is a vertex's where the robot has moved on."""
         walls = walls_of(message.ranges, self.rays, self.params.scan)
         before = self.follower.pose
         pose = self.follower.step(compose(self.odometry, self.mount), scan_of(walls, self.params.filter.jump))
+        self.last_ranges, self.walls = message.ranges, walls
+        self.seen_at, self.looked = self.odometry, self.t
+        effects: list[Effect] = list(self.steer())
         if self.vertices:
-            self.travelled += math.hypot(pose[0] - before[0], pose[1] - before[1])
+            moved = math.hypot(pose[0] - before[0], pose[1] - before[1])
+            self.travelled += moved
+            self.distance += moved
             apart = between(self.vertices[-1], pose)
             is_near = math.hypot(apart[0], apart[1]) < self.params.vertex_spacing
             if is_near and abs(apart[2]) < self.params.vertex_turn:
-                return []
+                return effects
         keyframe = Keyframe(message.t, len(self.vertices), pose, walls, self.travelled)
         self.vertices.append(pose)
         self.times.append(message.t)
+        self.told.append(compose(self.odometry, self.mount))
+        self.observations.append(walls)
+        self.curves.append(curves(walls, self.params.filter.jump))
         self.travelled = 0.0
-        return [keyframe]
+        return [*effects, keyframe]
 
     def finish(self) -> list[Keyframe]:
         """The log or the session ends here; no vertex waits."""
         return []
+
+    def steer(self) -> list[Effect]:
+        """One step towards the goal, or of what a person wishes; nothing that has not been looked at moves it."""
+        if self.t - self.looked > SIGHT:
+            return []
+        command = self.pilot.steer(self.pose(), float(self.here()[2]), self.densities)
+        match command:
+            case DriveCommand(speed, turn):
+                return [self.powers(speed, turn)]
+            case StopCommand():
+                return [command]
+        return []
+
+    def powers(self, speed: float, turn: float) -> PowersCommand:
+        """What makes the motors drive so fast (m/s) and turn at such a rate (rad/s), as far as they can.
+
+        Turns are bounded, for a laser that turns fast bends what it sees (Maze Runner, Discussion); where a wheel would
+        have to be faster than it can be, both are slower.
+        """
+        motors = self.params.motors
+        half = 0.5 * motors.track * max(-self.params.max_turn, min(self.params.max_turn, turn))
+        wanted = np.array([speed - half, speed + half])
+        curves_ = self.reckoning.curves
+        share = min(1.0, *(curve.fastest / max(abs(each), 1e-9) for curve, each in zip(curves_, wanted, strict=True)))
+        volts = self.motors.battery_volts if self.motors is not None else 0.0
+        factor = motors.nominal_volts / volts if volts > 0.5 * motors.nominal_volts else 1.0
+        powers = [float(curve.command(share * each)) * factor for curve, each in zip(curves_, wanted, strict=True)]
+        left, right = (max(-1.0, min(1.0, power)) for power in powers)
+        return PowersCommand(left, right, self.params.deadline)
+
+    @property
+    def goal(self) -> Goal | None:
+        """Where it goes to."""
+        return self.pilot.goal
+
+    @property
+    def stop_reason(self) -> str | None:
+        """Why the motor board stood still last, in its own word; None before its first."""
+        board = self.motors or self.boards.get("motor")
+        return board.reason if board else None
+
+    def here(self) -> np.ndarray:
+        """The robot's pose (3,) now, in the frame of the laser's own odometry."""
+        laser = compose(
+            self.follower.pose, between(compose(self.seen_at, self.mount), compose(self.odometry, self.mount))
+        )
+        return compose(laser, inverse(self.mount))
+
+    def pose(self) -> np.ndarray:
+        """The best estimate (3,) of where the robot is now, in the world."""
+        if self.estimate is None:
+            return self.here()
+        newest = len(self.estimate.path) - 1
+        return compose(self.estimate.path[newest], between(self.vertices[newest], self.here()))
+
+    def densities(self, limit: float = math.inf) -> np.ndarray:
+        """The polar histogram (sectors,) around the robot now, of obstacles nearer than `limit` m."""
+        return self.vfh.histogram(self.follower.grid(), self.here(), limit)
+
+    def walls_along(self, path: np.ndarray) -> list[np.ndarray]:
+        """Wall curves (k, 2) in the world when the vertices stand at `path` (n, 3)."""
+        return [transform(pose, curve) for pose, seen in zip(path, self.curves, strict=False) for curve in seen]
+
+    def snapshot(self) -> Snapshot:
+        """The robot as a viewer sees it now."""
+        here = self.here()
+        estimate = self.estimate or nothing_known(self.t, here, self.params.filter.particles)
+        known = len(self.estimate.path) if self.estimate else 0
+        densities, pose = self.densities(), self.pose()
+        grid = window(self.follower.grid(), here[:2], self.params.shown_reach)
+        seen = curves(self.walls, self.params.filter.jump) if self.walls is not None else []
+        return Snapshot(
+            t=self.t,
+            robot="maze_runner",
+            pose=pose,
+            odometry=self.odometry,
+            tilt=0.0,
+            distance=self.distance,
+            local_map=grid.cells,
+            local_resolution=grid.resolution,
+            local_origin=np.array([grid.x, grid.y]),
+            local_pose=here,
+            beams=self.beams(),
+            curves=[transform(self.mount, curve) for curve in seen],
+            densities=densities,
+            threshold=self.params.vfh.threshold,
+            valleys=self.vfh.valleys(densities),
+            goal=self.goal.place if self.goal else None,
+            goal_bearing=self.pilot.objective(pose),
+            steering=self.pilot.bearing,
+            path=estimate.path,
+            walls=self.best_walls,
+            vertex_curves=self.curves[:known],
+            observations=self.observations[:known],
+            vertex_times=np.array(self.times[:known]),
+            vertex_odometry=np.array(self.told[:known]).reshape(-1, 3),
+            profile=estimate.profile,
+            fixed_depth=estimate.fixed_depth,
+            particles=estimate.particles,
+            n_particles=estimate.n_particles,
+            effective_particles=estimate.effective_particles,
+            resamplings=estimate.resamplings,
+            affinity=estimate.affinity,
+            plausibility=estimate.plausibility,
+            boards=dict(self.boards),
+            route=self.pilot.course.rest() if self.pilot.course else np.zeros((0, 2)),
+            spread=estimate.spread,
+            revisit_spread=estimate.revisit_spread,
+            branches=estimate.branches,
+        )
+
+    def beams(self) -> dict[str, dict]:
+        """The laser's geometry and its last ranges."""
+        laser = self.params.laser
+        return {
+            SENSOR: {
+                "bearings": laser.bearings + laser.mount[2],
+                "offsets": np.full(laser.beams, laser.x),
+                "half_angle": 0.0,
+                "max_range": laser.max_range,
+                "ranges": self.last_ranges,
+            }
+        }
+
+
+def window(grid: Grid, middle: np.ndarray, reach: float) -> Grid:
+    """What of a grid lies within `reach` m of a place (2,), straight up and across."""
+    low = np.floor((middle - reach - [grid.x, grid.y]) / grid.resolution).astype(int).clip(0)
+    high = np.ceil((middle + reach - [grid.x, grid.y]) / grid.resolution).astype(int).clip(0)
+    cells = grid.cells[low[1] : high[1], low[0] : high[0]]
+    x, y = grid.x + low[0] * grid.resolution, grid.y + low[1] * grid.resolution
+    return Grid(cells.copy(), grid.resolution, float(x), float(y))

@@ -1,0 +1,94 @@
+"""The virtual Maze Runner: a body in a world, the motor board's own C that moves it, and a laser on a line of its own.
+
+Bytes are all that leads in and out: `write` and `advance` are the motor board's line, `write_laser` and `take_laser`
+the laser's. Nothing here knows the host's side.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from firmware.virtual.maze_body import Drift, MazeBody
+from firmware.virtual.motor_board import MotorBoard
+from firmware.virtual.on_air import OnAir
+from firmware.virtual.radio import Radio
+from firmware.virtual.urg import PERIOD_MS, VirtualUrg
+from firmware.virtual.worlds import World
+
+BODY_MS = 5  # between two steps of the body
+TRUTH_MS = 20  # between two rows of the truth
+AHEAD = 0.05  # m from the middle of the axle to the laser
+
+
+class VirtualMazeRunner(OnAir):
+    """A robot at `start`, or where the world has it; `drift` names how unlike its motors are, and how floors slip."""
+
+    def __init__(
+        self,
+        world: World,
+        start: np.ndarray | tuple[float, float, float] | None = None,
+        seed: int = 0,
+        drift: Drift = "medium",
+        radio: Radio | None = None,
+    ):
+        super().__init__(radio, seed)
+        x, y, heading = (float(part) for part in (world.start if start is None else start))
+        self.world = world
+        self.body = MazeBody(world, x, y, heading, seed, drift)
+        self.board = MotorBoard()
+        self.laser = VirtualUrg(world, self.laser_at, seed)
+        self.said = b""  # by the laser
+        self.now_ms = 0
+        self.history = deque([self.body.pose], maxlen=2 * PERIOD_MS // BODY_MS)  # the newest last
+        self.rows: list[np.ndarray] = []
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the start."""
+        return self.now_ms * 1e-3
+
+    @property
+    def pose(self) -> np.ndarray:
+        """True pose (3,)."""
+        return self.body.pose
+
+    def laser_at(self, t: float) -> np.ndarray:
+        """The laser's true pose (3,) at a time (s), of the last moments."""
+        late = max(0.0, self.time - t) * 1e3 / BODY_MS
+        x, y, heading = self.history[max(0, len(self.history) - 1 - round(late))]
+        return np.array([x + AHEAD * np.cos(heading), y + AHEAD * np.sin(heading), heading])
+
+    def truth(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) and true poses (n, 3), fifty a second."""
+        rows = np.array(self.rows).reshape(-1, 4)
+        return rows[:, 0].copy(), rows[:, 1:].copy()
+
+    def receive(self, data: bytes) -> None:
+        """Bytes that reached the motor board."""
+        self.board.receive(data)
+
+    def write_laser(self, data: bytes) -> None:
+        """Bytes from the host to the laser."""
+        self.laser.write(data)
+
+    def take_laser(self) -> bytes:
+        """What the laser has said since this was asked last."""
+        said, self.said = self.said, b""
+        return said
+
+    def run(self, ms: int) -> bytes:
+        """Lets board, body and laser live; returns what the board sent."""
+        sent = []
+        for _ in range(ms):
+            self.now_ms += 1
+            sent.append(self.board.run(1))
+            if self.now_ms % BODY_MS == 0:
+                self.body.step(self.board.powers, BODY_MS * 1e-3)
+                self.board.battery = self.body.battery.volts
+                self.history.append(self.body.pose)
+            if self.now_ms % TRUTH_MS == 0:
+                self.rows.append(np.array([self.time, *self.body.pose]))
+            self.said += self.laser.advance(1)
+        return b"".join(sent)
