@@ -46,11 +46,12 @@ class CostParams(Params):
 class CostGrid(NamedTuple):
     """`costs` (rows, columns) float32 per metre, inf where there is no way; the rest as in `slam.grid.Grid`.
 
-    `room` (rows, columns) is the distance in m to the nearest wall.
+    `room` (rows, columns) is the distance in m to the nearest wall, `known` (rows, columns) what anybody has seen.
     """
 
     costs: np.ndarray
     room: np.ndarray
+    known: np.ndarray
     resolution: float
     x: float
     y: float
@@ -152,7 +153,7 @@ def cost_grid(
     if around is not None:
         overrule(is_wall, is_known, around, low, resolution, params)
     room = distance_field(is_wall, resolution)
-    return CostGrid(price(room, is_known, params), room, resolution, float(low[0]), float(low[1]))
+    return CostGrid(price(room, is_known, params), room, is_known, resolution, float(low[0]), float(low[1]))
 
 
 def seen_box(

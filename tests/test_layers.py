@@ -19,8 +19,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
-        "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.hypotheses",
-        "slam.laser_maps", "slam.laser_odometry", "slam.laser_scan", "slam.local_map", "slam.loop_measurements",
+        "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.frontiers",
+        "slam.hypotheses", "slam.laser_maps", "slam.laser_odometry", "slam.laser_scan", "slam.local_map",
+        "slam.loop_measurements",
         "slam.map_alignment", "slam.map_matching", "slam.motion", "slam.motor_curve", "slam.mouse_odometry",
         "slam.odometry_chain", "slam.odometry_noise", "slam.particles", "slam.path_tree", "slam.planning",
         "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.scan_agreement",
@@ -44,7 +45,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.robots.odometry", "server.robots.pilot",
     ),
     (
-        "server.adviser", "server.boards", "server.config", "server.control", "server.estimator",
+        "server.adviser", "server.boards", "server.config", "server.control", "server.estimator", "server.explorer",
         "server.filter_worker", "server.health", "server.navigator", "server.pulse", "server.restarts",
         "server.session", "server.stops",
     ),

@@ -6,52 +6,24 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
+from bench.maze import visible
+from bench.maze_loop import PARAMS, STEP, MazeLoop
 from firmware.virtual.maze_body import Drift
-from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.mazes import CELL, maze
-from server import channels, link, scip
-from server.messages import Drive, Goal, Keyframe, PowersCommand, Stop, StopCommand
-from server.robots.maze_runner import MazeRunner, MazeRunnerParams, make_estimator
-from server.session import Session
-from slam.laser_scan import LaserParams
-from slam.pose import between, compose
-
-PARAMS = MazeRunnerParams(laser=LaserParams(x=0.05))
-STEP = 0.02  # s
+from server import channels, link
+from server.messages import Drive, Goal, PowersCommand, Stop, StopCommand
+from server.robots.maze_runner import MazeRunner
+from slam.pose import between, compose, inverse, transform
 
 
-class Loop:
-    """A virtual robot and the host's side of its two lines."""
-
-    def __init__(self, size="medium", seed=0, drift: Drift = "medium", params=PARAMS):
-        self.virtual = VirtualMazeRunner(maze(size, seed), seed=seed, drift=drift)
-        self.robot = MazeRunner(params)
-        self.session = Session(self.robot, self.robot.calibration, boards=(channels.MOTOR,), lasers=("laser",))
-        self.estimator = make_estimator(params, seed)
-        self.keyframes: list[Keyframe] = []
-        self.virtual.write_laser(scip.start(44, 725))
-
-    def run(self, seconds, wish=None):
-        """Let time pass; a wish is said again ten times a second."""
-        for beat in range(round(seconds / STEP)):
-            if wish is not None and beat % 5 == 0:
-                self.obey(self.session.command(wish, self.virtual.time))
-            data = self.virtual.advance(STEP)
-            self.obey(self.session.receive("board", data, self.virtual.time))
-            self.obey(self.session.receive("laser", self.virtual.take_laser(), self.virtual.time))
-
-    def obey(self, effects):
-        for effect in effects:
-            if isinstance(effect, Keyframe):
-                self.keyframes.append(effect)
-                self.estimator.extend(effect.pose, effect.walls, effect.travelled)
-            else:
-                self.virtual.write(self.session.encode(effect))
+def loop_in(size="medium", seed=0, drift: Drift = "medium") -> MazeLoop:
+    return MazeLoop(maze(size, seed), seed, drift)
 
 
 def test_it_drives_as_told_and_stops_when_nobody_tells_it_any_more():
-    loop = Loop(drift="none")
+    loop = loop_in(drift="none")
     loop.run(0.5)
     loop.run(2.0, Drive(0.0, 0.2, 0.0))
     way = float(np.hypot(*loop.virtual.pose[:2]))
@@ -64,7 +36,7 @@ def test_it_drives_as_told_and_stops_when_nobody_tells_it_any_more():
 
 
 def test_a_stop_stops_it_at_once():
-    loop = Loop(drift="none")
+    loop = loop_in(drift="none")
     loop.run(0.5)
     loop.run(1.0, Drive(0.0, 0.2, 0.0))
     effects = loop.session.command(Stop(0.0), loop.virtual.time)
@@ -91,7 +63,7 @@ def test_turns_are_bounded_and_powers_never_beyond_the_whole():
 
 def test_it_knows_where_it_is_though_its_motors_lie():
     """Turns and straights in a maze at the worst drift: the laser's own odometry errs by centimetres."""
-    loop = Loop(seed=3, drift="high")
+    loop = loop_in(seed=3, drift="high")
     loop.run(0.5)
     start = loop.virtual.pose
     for _ in range(4):
@@ -109,11 +81,11 @@ def test_it_knows_where_it_is_though_its_motors_lie():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_it_goes_to_a_place_without_touching_a_wall(seed):
-    loop = Loop("small", seed)
+    loop = loop_in("small", seed)
     loop.run(0.5)
     ahead = compose(loop.virtual.pose, np.array([CELL, 0.0, 0.0]))
     goal = between(loop.virtual.pose, ahead)
-    loop.obey(loop.session.command(Goal(0.0, (float(goal[0]), float(goal[1])), 0.2), loop.virtual.time))
+    loop.tell(Goal(0.0, (float(goal[0]), float(goal[1])), 0.2))
     loop.run(12.0)
     assert loop.robot.goal is None, "it has arrived"
     assert np.hypot(*(loop.virtual.pose - ahead)[:2]) < 0.2
@@ -125,7 +97,7 @@ def test_it_goes_to_a_place_without_touching_a_wall(seed):
 
 
 def test_noise_on_both_lines_is_counted_and_survived():
-    loop, rng = Loop(drift="none"), np.random.default_rng(1)
+    loop, rng = loop_in(drift="none"), np.random.default_rng(1)
     for _ in range(100):
         loop.run(STEP, Drive(0.0, 0.1, 0.0))
         for line in ("board", "laser"):
@@ -138,7 +110,23 @@ def test_noise_on_both_lines_is_counted_and_survived():
 
 
 def test_frames_of_boards_that_are_not_its_own_are_refused():
-    loop = Loop()
+    loop = loop_in()
     frame = link.encode(link.Frame(channels.DRIVE, channels.STATUS, 0, 0, bytes(16)))
     assert loop.session.receive("board", frame, 0.0) == []
     assert loop.session.refused["source"] == 1
+
+
+@pytest.mark.parametrize(("size", "seed"), [("small", 0), ("medium", 2)])
+def test_it_explores_a_maze_until_the_map_is_closed_and_stops(size, seed):
+    loop = loop_in(size, seed)
+    explorer = loop.explore(300.0)
+    assert explorer.progress == ("done", 0)
+    assert loop.virtual.body.bumps == 0
+    loop.run(1.0)
+    still = loop.virtual.pose
+    loop.run(2.0)
+    assert loop.virtual.pose == pytest.approx(still, abs=0.01)
+    true = transform(inverse(loop.virtual.world.start), visible(size, seed))
+    points = loop.wall_points()
+    assert KDTree(true).query(points)[0].max() < 0.2
+    assert np.mean(KDTree(points).query(true)[0] < 0.2) > 0.95

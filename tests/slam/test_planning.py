@@ -24,7 +24,7 @@ def floor(rows, columns, walls=()):
     for part in walls:
         is_wall[part] = True
     room = distance_field(is_wall, CELL)
-    return CostGrid(price(room, np.ones_like(is_wall), PARAMS), room, CELL, 0.0, 0.0)
+    return CostGrid(price(room, np.ones_like(is_wall), PARAMS), room, np.ones_like(is_wall), CELL, 0.0, 0.0)
 
 
 def length(start, places):
@@ -77,11 +77,11 @@ def test_a_longer_way_on_known_floor_beats_a_shorter_one_into_the_unknown():
     room = np.full((40, 80), 9.0)
     is_known = np.ones((40, 80), bool)
     is_known[0:30, 30:50] = False
-    grid = CostGrid(price(room, is_known, PARAMS), room, CELL, 0.0, 0.0)
+    grid = CostGrid(price(room, is_known, PARAMS), room, is_known, CELL, 0.0, 0.0)
     start, goal = np.array([1.0, 1.0]), np.array([3.0, 1.0])
     assert plan(grid, start, goal).places[:, 1].max() > 1.45
     is_known[:] = False
-    blind = CostGrid(price(room, is_known, PARAMS), room, CELL, 0.0, 0.0)
+    blind = CostGrid(price(room, is_known, PARAMS), room, is_known, CELL, 0.0, 0.0)
     assert len(plan(blind, start, goal).places) == 1
 
 
