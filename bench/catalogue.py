@@ -51,7 +51,7 @@ CATALOGUE: tuple[Bench, ...] = (
     worlds.BENCH,
     crazyflie.BENCH,
     sonar8.BENCH,
-    laser.BENCH,
+    *laser.BENCHES,
     maze.BENCH,
     claims.BENCH,
     ablation.BENCH,

@@ -9,6 +9,7 @@ as many threads as there are cores.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -21,9 +22,13 @@ from server import config
 from server.formats import lego
 from server.formats.logs import read_log
 from server.formats.tum import read_tum
+from server.mapping import with_sensors
 from server.presets import NAMED
-from server.replay import Result, run_log
+from server.replay import Result, fold, run_log
+from server.report import peak_rss_mb
+from server.robots.maze_runner import MazeRunner
 from slam.evaluate import absolute_error, alignment
+from slam.grid_filter import GridFilter
 from slam.pose import transform
 from slam.timeline import associate
 
@@ -136,6 +141,63 @@ def notes(rows: list[Row]) -> Iterator[str]:
     yield PUBLISHED
 
 
+PARTICLES = (30, 100, 300, 1000)
+
+
+def grow(particles: int, seed: int) -> Record:
+    """One seed with so many particles on Intel, for what it takes."""
+    data = data_folder()
+    assert data is not None
+    log = read_log(data / LOGS["Intel, dense"], robot="maze_runner")
+    params = config.load({"maze_runner": {"filter": {"particles": particles}}}).maze_runner
+    params = with_sensors(params, log)
+    keyframes = fold(log, MazeRunner(params), lambda keyframe: None).keyframes
+    path_filter = GridFilter(params.filter, seed, os.cpu_count() or 1)
+    slowest, most = 0.0, 0
+    for keyframe in keyframes:
+        began = time.perf_counter()
+        path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+        slowest = max(slowest, time.perf_counter() - began if path_filter.vertices > 2 else 0.0)
+        most = max(most, path_filter.maps.n_patches)
+    cells = path_filter.maps.cells
+    whole = int(np.prod(cells.table.shape[1:]))  # patches of a map of its own for everyone
+    patch = cells.odds[0].nbytes + cells.surfels[0].nbytes
+    return {
+        "seed": seed,
+        "patches": most,
+        "megabytes": most * patch * 1e-6,
+        "apart": particles * min(whole, int(np.count_nonzero(cells.table[0] >= 0))) * patch * 1e-6,
+        "peak_mb": peak_rss_mb(),
+        "worst_ms": 1e3 * slowest,
+    }
+
+
+def memory_rows(crew: Crew) -> Iterator[Row]:
+    """Every number of particles, each in a process of its own."""
+    names = {f"{n:,} particles": n for n in PARTICLES}
+    for name, particles in names.items():
+        if crew.wants(name, names):
+            yield Row(name, [crew.alone(grow, particles, seed) for seed in range(crew.seeds)])
+
+
+MEMORY = Bench(
+    name="laser-memory",
+    about="what Maze Runner's maps take as particles grow, on Intel: patches that they share along the path tree",
+    rows=memory_rows,
+    columns=(
+        Column("runs", runs),
+        Column("patches, at most", middle("patches", 0)),
+        Column("their MB", middle("megabytes", 0)),
+        Column("MB of maps of their own", middle("apart", 0)),
+        Column("peak of the process (MB)", middle("peak_mb", 0)),
+        Column("slowest vertex (ms)", figures("worst_ms", 0, 0.5, 1.0)),
+    ),
+    seeds=1,
+    minutes=15,
+    needs_data=True,
+    is_timed=True,
+    heading="on Intel, dense",
+)
 BENCH = Bench(
     name="laser",
     about="Maze Runner on real logs of lasers, 30 particles, and what each of its parts is worth",
@@ -159,3 +221,4 @@ BENCH = Bench(
     heading="log",
     notes=notes,
 )
+BENCHES = (BENCH, MEMORY)
