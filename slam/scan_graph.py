@@ -9,6 +9,7 @@ kernel that lets wrong ones go. Rounds begin wide, for paths that are off by met
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -25,6 +26,8 @@ from slam.wall_matching import near_pairs
 
 Beat = Callable[[], None]
 
+SURE = 3.0  # standard deviations of the odometry's drift that ends and walls may be apart
+LEAST_TURN = 0.05  # rad that a scan may be turned, however short the way was
 LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
 
@@ -35,7 +38,7 @@ class ScanGraphParams(Params):
     steps: int = Field(default=20, ge=1, le=1000)  # of the search in a round, at most
     range: float = Field(default=4.0, gt=0.0)  # m between scans that are aligned in the first round,
     last_range: float = Field(default=1.5, gt=0.0)  # m, and in the last
-    gate: float = Field(default=2.0, gt=0.0)  # m between an end and its wall before they are aligned, at first,
+    gate: float = Field(default=2.0, gt=0.0)  # m between an end and its wall before, at most, at first,
     last_gate: float = Field(default=0.5, gt=0.0)  # m, and in the end
     visits: int = Field(default=6, ge=1, le=1000)  # earlier visits that a scan is compared with, the nearest first
     gap: int = Field(default=20, ge=1)  # vertices that must lie between them
@@ -61,6 +64,7 @@ class ScanGraph:
         precision = np.diag(np.array([params.distance, params.distance, params.turn]) ** -2.0)
         chain = np.column_stack([np.arange(n - 1), np.arange(1, n)])
         self.chain = LoopEdges(chain, motions, np.tile(precision, (n - 1, 1, 1)))
+        self.ways = np.concatenate([[0.0], np.cumsum(np.hypot(motions[:, 0], motions[:, 1]))])
         self.loops = no_edges()
 
     def refine(self, path: np.ndarray, rounds: int | None = None, beat: Beat = lambda: None) -> np.ndarray:
@@ -76,16 +80,18 @@ class ScanGraph:
         """Find the loops at a path (n, 3); bounds have narrowed by the share `done` of the rounds."""
         params = self.params
         reach = params.range * (params.last_range / params.range) ** done
-        gate = params.gate * (params.last_gate / params.gate) ** done
+        widest = params.gate * (params.last_gate / params.gate) ** done
         kernel = params.kernel * (params.last_kernel / params.kernel) ** done
         pairs = np.empty((len(path) * params.visits, 2), np.int64)
         pairs = pairs[: near_pairs(path, reach, params.visits, params.gap, pairs)]
         guesses = between(path[pairs[:, 0]], path[pairs[:, 1]])
-        prior = np.diag(np.array([0.35 * gate, 0.35 * gate, 0.1]) ** -2.0)
-        matching = params.matching.model_copy(update={"gate": gate})
         found = []
         for row, (first, second) in enumerate(pairs):
             scan, other = self.scans[second], self.scans[first]
+            off, turned = self.drift(int(first), int(second))
+            gate = min(widest, max(params.last_gate, SURE * off))
+            prior = np.diag(np.array([gate / SURE, gate / SURE, max(LEAST_TURN, turned)]) ** -2.0)
+            matching = params.matching.model_copy(update={"gate": gate})
             match = match_scans(scan, other, guesses[row], prior, matching)
             if match.share >= matching.enough and do_agree(scan, other, match.pose, params.agreement):
                 found.append((row, match.pose, params.trust * (match.information - prior) + 1e-6 * np.eye(3)))
@@ -96,6 +102,15 @@ class ScanGraph:
             return
         rows, motions, precisions = (np.array(column) for column in zip(*found, strict=True))
         self.loops = LoopEdges(pairs[rows], motions, precisions, kernel)
+
+    def drift(self, first: int, second: int) -> tuple[float, float]:
+        """By how much (m, rad) the odometry errs between two vertices, as its steps add up.
+
+        A turn's error shifts what comes after it, on average by a quarter of the way between them.
+        """
+        params, root = self.params, math.sqrt(second - first)
+        lever = 0.25 * float(self.ways[second] - self.ways[first])
+        return root * math.hypot(params.distance, params.turn * lever), root * params.turn
 
     def linearize(self, path: np.ndarray) -> tuple[float, NormalEquations]:
         """Cost and normal equations at a path (n, 3)."""
