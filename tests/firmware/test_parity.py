@@ -1,7 +1,8 @@
 """The same C, compiled for the ATmega32 and for this machine, computes the same bits.
 
 Twice: the drive board's whole loop, and each of its pure files by itself on random input, the motor board's among them.
-The link is in both, for they tell frames and judge commands; the sensor board's files and the MPU-6050's have no floats.
+The link is in both, for they tell frames and judge commands; the sensor board's files and the MPU-6050's have no
+floats.
 """
 
 import os
