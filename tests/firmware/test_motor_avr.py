@@ -59,7 +59,7 @@ def test_the_enable_pins_have_the_duty_that_was_commanded(powers):
 
 
 def test_the_pwm_is_one_that_the_bridge_can_follow():
-    """Fast PWM up to ICR1 (mode 14) on the undivided clock, at 8 kHz; the simulator's duty does not look at the mode."""
+    """Fast PWM up to ICR1 (mode 14) on the undivided clock; the simulator tells a duty whatever the mode."""
     made = host()
     low, high, top, above = (
         made.board.lib.microcontroller_peek(made.board.mcu, at) for at in (TCCR1A, TCCR1B, ICR1, ICR1 + 1)
