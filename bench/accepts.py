@@ -88,7 +88,7 @@ def heard(batches: Iterator[list[bytes]]) -> Record:
 def is_believed(frame) -> bool:
     """Whether the frame passes the second sieve as well."""
     try:
-        read(frame)
+        read(frame, (DRIVE, SENSOR))
     except Refused:
         return False
     return True

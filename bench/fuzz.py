@@ -19,7 +19,7 @@ from firmware.virtual.native import FIRMWARE
 from server.channels import VERBS, encode_command
 from server.errors import UserError
 from server.link import DELIMITER, encode
-from server.messages import AdjustCommand, ArmCommand, DriveCommand, StopCommand
+from server.messages import AdjustCommand, ArmCommand, DriveCommand, PowersCommand, StopCommand
 
 MINUTES = 10.0
 FUZZ = FIRMWARE.parent / "build" / "fuzz"
@@ -27,7 +27,8 @@ PACKAGES = "make gcc clang-14 libclang-rt-14-dev"
 LONGEST = 512  # bytes of an input
 NOTHING = "none"  # among the findings
 LINK = ("link/frame.c", "link/cobs.c", "link/crc.c", "link/seal.c", "link/adjust.c")
-TOLD = (*LINK, "drive/command.c", "drive/loop.c", "drive/supervisor.c")
+MOTOR = ("motor/command.c", "motor/loop.c", "motor/ramp.c", "motor/supervisor.c")
+TOLD = (*LINK, "drive/command.c", "drive/loop.c", "drive/supervisor.c", *MOTOR)
 ARMING = DELIMITER * 90  # each zero lets 5 ms pass
 
 
@@ -37,6 +38,7 @@ def corpus() -> list[bytes]:
     said = robot.advance(3.0).split(DELIMITER)
     kinds = {(piece[1:2], len(piece)): piece + DELIMITER for piece in said if piece}
     commands = [ArmCommand(True), DriveCommand(0.3, -0.5), StopCommand(), DriveCommand(-9.0, 9.0), ArmCommand(False)]
+    commands += [PowersCommand(0.5, -0.5, 0.3), PowersCommand(-1.0, 1.0, 1.0)]
     commands += [AdjustCommand(board, verb, "odometry_ms", 40.0) for board in ("drive", "sensor") for verb in VERBS]
     encoded = [encode(encode_command(command, i, 0)) for i, command in enumerate(commands)]
     return [*kinds.values(), *encoded, encoded[0] + ARMING + b"".join(encoded[1:])]

@@ -1,16 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * What both boards make of any bytes on the line, for a coverage-guided fuzzer: one input is what comes over the radio.
+ * What each board makes of any bytes on the line, for a coverage-guided fuzzer: one input is what comes over the radio.
  * Each zero, which ends a frame, also lets 5 ms pass, so that idle zeros are time. Beside the sanitizers' own rules:
  *
  *  - a frame that is accepted is the one that encodes to these very bytes;
  *  - a command that is obeyed comes from the host, ends in the CRC-32 of what is before it (worked out here by another
  *    way than the board's), and carries a fresh echo unless it stops or disarms;
- *  - wishes and duties stay in their limits, and without balancing the motors are off;
+ *  - wishes, duties and powers stay in their limits, and without balancing, or being driven, the motors are off;
+ *  - no power rises faster than its ramp;
  *  - what the boards say are good frames of their own.
  */
 #include "../link/seal.h"
 #include "../drive/loop.h"
+#include "../motor/loop.h"
 #include "../sensor/loop.h"
 
 #include <stddef.h>
@@ -23,14 +25,17 @@
 #define MIDDLE (512 * TILT_OVERSAMPLING)
 #define MAX_SPEED 0.6f
 #define MAX_TURN 3.0f
+#define BOARDS 3
+#define FULL_BATTERY 3222 /* a sum of the converter's: 12.6 V */
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
 struct boards {
     struct drive_loop drive;
     struct sensor_loop sensor;
-    struct outbox outboxes[2];
-    uint8_t rooms[2][OUTBOX_BYTES];
+    struct motor_loop motor;
+    struct outbox outboxes[BOARDS];
+    uint8_t rooms[BOARDS][OUTBOX_BYTES];
     struct frame_decoder decoder; /* hears what they hear */
     uint8_t piece[LINK_MAX_ENCODED];
     size_t piece_size;
@@ -63,6 +68,20 @@ static bool is_within(float value, float limit)
     return value >= -limit && value <= limit; /* not a number is not */
 }
 
+static void pass_motors_ms(struct motor_loop *motor)
+{
+    const struct ramp before[MOTORS] = {motor->ramps[0], motor->ramps[1]};
+    motor->teller.uptime_ms++;
+    motor_loop_battery(motor, FULL_BATTERY);
+    motor_loop_tick(motor);
+    for (int side = 0; side < MOTORS; side++) {
+        const int power = motor->ramps[side].power;
+        insist(abs(power) <= MOTOR_FULL_POWER && abs(power) <= abs(before[side].power) + RAMP_RISE);
+        insist(power == 0 || motor->supervisor.state == DRIVE_ARMED);
+    }
+    insist(motor->supervisor.state <= DRIVE_FAULT);
+}
+
 static void pass_time(struct boards *boards)
 {
     struct drive_loop *drive = &boards->drive;
@@ -76,6 +95,7 @@ static void pass_time(struct boards *boards)
     for (uint8_t ms = 0; ms < STEP_MS; ms++) {
         boards->sensor.teller.uptime_ms++;
         sensor_loop_tick(&boards->sensor);
+        pass_motors_ms(&boards->motor);
     }
     const bool is_off = drive->duties.left == 0.0f && drive->duties.right == 0.0f;
     insist(is_within(drive->duties.left, 1.0f) && is_within(drive->duties.right, 1.0f));
@@ -84,20 +104,22 @@ static void pass_time(struct boards *boards)
     insist(drive->supervisor.state <= DRIVE_FAULT);
     hear(&boards->outboxes[0], SOURCE_DRIVE);
     hear(&boards->outboxes[1], SOURCE_SENSOR);
+    hear(&boards->outboxes[2], SOURCE_MOTOR);
 }
 
 static void start(struct boards *boards)
 {
     const struct boot boot = {.reset_cause = 1, .count = 1};
     memset(boards, 0, sizeof *boards);
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < BOARDS; i++)
         outbox_init(&boards->outboxes[i], boards->rooms[i], OUTBOX_BYTES);
     drive_loop_init(&boards->drive, &boot, &boards->outboxes[0]);
     sensor_loop_init(&boards->sensor, &boot, &boards->outboxes[1]);
+    motor_loop_init(&boards->motor, &boot, &boards->outboxes[2]);
     frame_decoder_init(&boards->decoder);
     for (int i = 0; i < REST_STEPS; i++)
         pass_time(boards);
-    boards->drive.teller.uptime_ms = 0; /* a command that echoes 0 is fresh for a second */
+    boards->drive.teller.uptime_ms = boards->motor.teller.uptime_ms = 0; /* who echoes 0 is fresh for a second */
 }
 
 /* CRC-32 as the remainder of a division, highest power first. */
@@ -113,16 +135,15 @@ static uint32_t remainder_of(const uint8_t *bytes, size_t size)
     return ~reversed;
 }
 
-static void judge_command(const struct frame *frame, enum command_kind kind, uint16_t now_ms)
+/* One that a board has obeyed. */
+static void judge_command(const struct frame *frame, bool may_be_old, uint16_t now_ms)
 {
-    if (kind == COMMAND_REFUSED)
-        return;
     insist(frame->source == SOURCE_HOST && frame->size >= 6);
     const uint8_t *check = frame->payload + frame->size - 4, *echo = check - 2;
     const uint32_t told = check[0] | (uint32_t)check[1] << 8 | (uint32_t)check[2] << 16 | (uint32_t)check[3] << 24;
     const uint16_t age_ms = (uint16_t)(now_ms - (uint16_t)(echo[0] | echo[1] << 8));
     insist(told == remainder_of(frame->payload, frame->size - 4u));
-    insist(kind == COMMAND_STOP || kind == COMMAND_DISARM || age_ms <= SEAL_MAX_AGE_MS);
+    insist(may_be_old || age_ms <= SEAL_MAX_AGE_MS);
 }
 
 static void judge_frame(const struct boards *boards, const struct frame *frame)
@@ -140,12 +161,15 @@ static void receive(struct boards *boards, uint8_t byte)
         boards->piece[boards->piece_size++] = byte;
     const bool is_good = frame_decoder_feed(&boards->decoder, byte, &frame);
     const enum command_kind kind = drive_loop_receive(&boards->drive, byte);
+    const enum motor_command_kind motor_kind = motor_loop_receive(&boards->motor, byte);
     sensor_loop_receive(&boards->sensor, byte);
-    insist(is_good || kind == COMMAND_REFUSED);
-    if (is_good) {
+    insist(is_good || (kind == COMMAND_REFUSED && motor_kind == MOTOR_REFUSED));
+    if (is_good)
         judge_frame(boards, &frame);
-        judge_command(&frame, kind, (uint16_t)boards->drive.teller.uptime_ms);
-    }
+    if (kind != COMMAND_REFUSED)
+        judge_command(&frame, kind == COMMAND_STOP || kind == COMMAND_DISARM, (uint16_t)boards->drive.teller.uptime_ms);
+    if (motor_kind != MOTOR_REFUSED)
+        judge_command(&frame, motor_kind == MOTOR_STOP, (uint16_t)boards->motor.teller.uptime_ms);
     if (byte != 0)
         return;
     boards->piece_size = 0;
@@ -158,10 +182,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     if (started.drive.teller.outbox == NULL)
         start(&started);
     boards = started;
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < BOARDS; i++)
         outbox_init(&boards.outboxes[i], boards.rooms[i], OUTBOX_BYTES);
     boards.drive.teller.outbox = &boards.outboxes[0];
     boards.sensor.teller.outbox = &boards.outboxes[1];
+    boards.motor.teller.outbox = &boards.outboxes[2];
     for (size_t i = 0; i < size; i++)
         receive(&boards, bytes[i]);
     return 0;

@@ -18,13 +18,14 @@ void motor_loop_init(struct motor_loop *loop, const struct boot *boot, struct ou
         ramp_init(&loop->ramps[side]);
 }
 
-void motor_loop_receive(struct motor_loop *loop, uint8_t byte)
+enum motor_command_kind motor_loop_receive(struct motor_loop *loop, uint8_t byte)
 {
     struct frame frame;
     if (!frame_decoder_feed(&loop->decoder, byte, &frame))
-        return;
+        return MOTOR_REFUSED;
     const struct motor_command command = motor_command_of_frame(&frame, loop->teller.uptime_ms);
     motor_supervisor_obey(&loop->supervisor, &command);
+    return command.kind;
 }
 
 void motor_loop_battery(struct motor_loop *loop, uint16_t sum)

@@ -24,8 +24,8 @@ struct motor_loop {
 /* Motors off. The outbox must outlive the loop. */
 void motor_loop_init(struct motor_loop *loop, const struct boot *boot, struct outbox *outbox);
 
-/* A byte from the host. */
-void motor_loop_receive(struct motor_loop *loop, uint8_t byte);
+/* A byte from the host; returns the kind of command that it completed and that was obeyed, else MOTOR_REFUSED. */
+enum motor_command_kind motor_loop_receive(struct motor_loop *loop, uint8_t byte);
 
 /* What the converter summed of the battery. */
 void motor_loop_battery(struct motor_loop *loop, uint16_t sum);

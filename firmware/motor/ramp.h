@@ -11,16 +11,16 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RAMP_RISE 40  /* of power in a ms: full in a quarter of a second */
+#define RAMP_RISE 40     /* of power in a ms: full in a quarter of a second */
 #define RAMP_REST_MS 100 /* without power between forward and reverse */
 
 struct ramp {
-    int16_t power;    /* now, of MOTOR_FULL_POWER */
-    bool is_reverse;  /* the direction that it has or had last */
+    int16_t power;     /* now, of MOTOR_FULL_POWER */
+    bool is_reverse;   /* the direction that it has or had last */
     uint8_t rested_ms; /* since it had power; stays at RAMP_REST_MS */
 };
 
-/* No power; a motor that turns still, as after a reset, rests before it is reversed. */
+/* No power, and no rest yet: a first reverse waits for it. */
 void ramp_init(struct ramp *ramp);
 
 /* One ms; 0 is no power at once. */

@@ -1,14 +1,18 @@
 """A host of a motor board, for tests: sends commands by the server's own encoder, and keeps what the board said."""
 
+from typing import Any, TypeVar
+
 from server.channels import MOTOR, Calibration, decode, encode_command
 from server.link import Decoder, Frame, encode
 from server.messages import Command, Motors, Status
+
+Told = TypeVar("Told", Motors, Status)
 
 
 class Host:
     """Hears a motor board, the one compiled for this machine or the simulated one, and commands it."""
 
-    def __init__(self, board, ms=100):
+    def __init__(self, board: Any, ms=100):
         self.board = board
         self.decoder = Decoder()
         self.heard: list[Frame] = []
@@ -34,7 +38,7 @@ class Host:
             powers.append(self.board.powers)
         return powers
 
-    def told(self, kind):
+    def told(self, kind: type[Told]) -> list[Told]:
         """All messages of one kind, at the board's own times (s)."""
         messages = [decode(frame, frame.time_ms * 1e-3, Calibration()) for frame in self.heard]
         assert {frame.source for frame in self.heard} == {MOTOR}

@@ -15,6 +15,7 @@ OFF = (0.0, 0.0)
 LINE_MS = 6  # a command of 20 bytes on the line, and the step that obeys it
 PINS = [("B", 0), ("B", 1), ("B", 2), ("B", 3), ("D", 4), ("D", 5)]
 WATCHDOG_RESET = 8
+ADCSRA, TCCR1A, TCCR1B, ICR1 = 0x26, 0x4F, 0x4E, 0x46  # in the data space
 
 
 def host(ms=100):
@@ -49,11 +50,22 @@ def test_motors_and_status_are_told_at_their_rates_and_without_a_gap():
 @pytest.mark.parametrize("powers", [(1.0, 1.0), (0.5, -0.25), (-1.0, 0.0005), (0.0, 0.75)])
 def test_the_enable_pins_have_the_duty_that_was_commanded(powers):
     made = host()
-    made.send(PowersCommand(*powers, 1.0))
+    left, right = powers
+    made.send(PowersCommand(left, right, 1.0))
     made.wait(500)
     assert made.board.powers == pytest.approx(powers, abs=1e-9)
-    assert pins(made)[:4] == [powers[0] > 0, powers[0] < 0, powers[1] > 0, powers[1] < 0]
-    assert (made.motors.left, made.motors.right, made.motors.acknowledged) == (*powers, 1)
+    assert pins(made)[:4] == [left > 0, left < 0, right > 0, right < 0]
+    assert (made.motors.left, made.motors.right, made.motors.acknowledged) == (left, right, 1)
+
+
+def test_the_pwm_is_one_that_the_bridge_can_follow():
+    """Fast PWM up to ICR1 (mode 14) on the undivided clock; the simulator tells a duty whatever the mode."""
+    made = host()
+    low, high, top, above = (
+        made.board.lib.microcontroller_peek(made.board.mcu, at) for at in (TCCR1A, TCCR1B, ICR1, ICR1 + 1)
+    )
+    assert (low & 0b11, high) == (0b10, 0b11001)
+    assert 16_000_000 / (top + 256 * above + 1) == 8000
 
 
 def test_a_duty_rises_slowly_and_a_motor_that_turns_back_has_none_for_a_while():
@@ -122,7 +134,7 @@ def test_a_converter_that_stands_still_ends_in_a_reset():
     made = host()
     made.send(PowersCommand(0.5, 0.5, 1.0))
     made.wait(200)
-    made.board.lib.microcontroller_poke(made.board.mcu, 0x26, 0)  # ADCSRA
+    made.board.lib.microcontroller_poke(made.board.mcu, ADCSRA, 0)
     assert made.traced(140)[-1] == OFF
     made.wait(100)
     assert made.motors.reason == "watchdog"

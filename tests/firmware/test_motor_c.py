@@ -14,6 +14,7 @@ from firmware.virtual.native import native
 from server import channels
 from server.link import Frame, encode
 from server.messages import ArmCommand, DriveCommand, Motors, PowersCommand, Status, StopCommand
+from server.session import Session
 from tests.firmware.motor_host import Host
 
 FFI, LIB, _ = native()
@@ -47,7 +48,8 @@ def raw(left, right, deadline_ms, echo_ms, source=channels.HOST, channel=channel
 def test_after_a_start_it_stands_and_says_why(cause, reason):
     made = Host(MotorBoard(cause), 1000)
     assert made.board.powers == OFF
-    assert made.motors == Motors(pytest.approx(1.0), 0.0, 0.0, pytest.approx(12.6, abs=0.02), "disarmed", reason, 0)
+    now = made.motors
+    assert (now.left, now.right, now.state, now.reason, now.acknowledged) == (0.0, 0.0, "disarmed", reason, 0)
     assert (made.status.state, made.status.reason, made.status.reset_cause) == ("disarmed", reason, cause)
 
 
@@ -253,6 +255,29 @@ def test_motors_are_told_fifty_times_a_second_and_status_once():
     assert {round((b.t - a.t) * 1000) for a, b in pairwise(made.told(Motors))} == {20}
     sequence = [frame.sequence for frame in made.heard]
     assert sequence == [i % 256 for i in range(len(sequence))]
+
+
+def test_a_session_of_this_board_alone_drives_and_stops_it():
+    heard = []
+
+    class Listener:
+        def step(self, message):
+            heard.append(message)
+            return []
+
+    board = MotorBoard()
+    session = Session(Listener(), channels.Calibration(), boards=(channels.MOTOR,))
+    session.receive("usb", board.run(1000), 1.0)
+    assert session.drive_link == "usb"
+    board.receive(session.encode(PowersCommand(0.5, -0.5, 1.0)))
+    session.receive("usb", board.run(500), 1.5)
+    assert board.powers == (0.5, -0.5)
+    board.receive(session.encode(StopCommand()))
+    session.receive("usb", board.run(40), 1.54)
+    assert board.powers == OFF
+    last = heard[-1]
+    assert (last.left, last.state, last.reason, last.acknowledged) == (0.0, "disarmed", "command", 3)
+    assert session.health(1.54)["lost"] == session.health(1.54)["rejected"] == 0
 
 
 def test_no_corrupted_command_of_twenty_thousand_is_accepted():

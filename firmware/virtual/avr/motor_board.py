@@ -10,6 +10,7 @@ from firmware.virtual.motor_board import FULL_BATTERY
 MS_CYCLES = 16_000
 SENT = 512  # bytes that are kept between two looks
 BATTERY_CHANNEL, DIVIDER = 3, 4.0
+DDRD = 0x31  # in the data space
 
 
 class Half(NamedTuple):
@@ -69,5 +70,6 @@ class AvrMotorBoard:
 
     def _power(self, half: Half) -> float:
         """An enable pin that the timer does not have is high for all of the time or none of it."""
+        is_driven = self.lib.microcontroller_peek(self.mcu, DDRD) >> half.enable & 1
         share = self.lib.microcontroller_pwm(self.mcu, half.output) or float(self.is_high("D", half.enable))
-        return share * (self.is_high("B", half.forward) - self.is_high("B", half.reverse))
+        return is_driven * share * (self.is_high("B", half.forward) - self.is_high("B", half.reverse))
