@@ -41,12 +41,14 @@ def frontiers(grid: CostGrid, start: np.ndarray, params: FrontierParams) -> list
     """The frontiers that can be reached over known floor from a place (2,), the one worth most first."""
     grid = let_out(grid, start)
     unknown = ~grid.known
-    edge = grid.known & np.isfinite(grid.costs) & binary_dilation(unknown, ROUND)
+    beside: np.ndarray = np.asarray(binary_dilation(unknown, ROUND))
+    edge = grid.known & np.isfinite(grid.costs) & beside
     known_only = grid._replace(costs=np.where(unknown, np.inf, grid.costs).astype(np.float32))
     metres = reach_from(known_only, start).metres.reshape(grid.costs.shape)
-    labels, count = label(edge & np.isfinite(metres), ROUND)
+    labels = np.zeros(edge.shape, np.int32)
+    label(edge & np.isfinite(metres), ROUND, labels)
     found = []
-    for number in range(1, count + 1):
+    for number in range(1, int(labels.max()) + 1):
         cells = np.argwhere(labels == number)
         length = grid.resolution * float(np.max(np.ptp(cells, axis=0)) + 1)
         if length < params.least:
