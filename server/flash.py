@@ -23,9 +23,7 @@ PROGRAMMER = {"avrdude": "avrdude"}
 CHIP = "m32"
 FUSES = {"lfuse": 0x3F, "hfuse": 0x81}  # crystal of 16 MHz, brown-out at 4 V; full swing, the EEPROM outlives flashing
 
-app = typer.Typer(
-    name="firmware", help="Build and flash the programs of the robots' boards.", rich_markup_mode=None
-)
+app = typer.Typer(name="firmware", help="Build and flash the programs of the robots' boards.", rich_markup_mode=None)
 
 
 class Imu(StrEnum):
