@@ -90,7 +90,7 @@ class ScanGraph:
             scan, other = self.scans[second], self.scans[first]
             off, turned = self.drift(int(first), int(second))
             gate = min(widest, max(params.last_gate, SURE * off))
-            prior = np.diag(np.array([gate / SURE, gate / SURE, max(LEAST_TURN, turned)]) ** -2.0)
+            prior = np.diag(np.array([gate, gate, SURE * max(LEAST_TURN, turned)]) ** -2.0)  # it only bounds the search
             matching = params.matching.model_copy(update={"gate": gate})
             match = match_scans(scan, other, guesses[row], prior, matching)
             if match.share >= matching.enough and do_agree(scan, other, match.pose, params.agreement):
