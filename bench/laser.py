@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,7 +98,7 @@ def run(case: Case, seed: int) -> Record:
     }
 
 
-def errors_of(result: Result, relations, path) -> Record:
+def errors_of(result: Result, relations: Path, path: Path) -> Record:
     """Against whatever there is beside the log."""
     if relations.is_file():
         return by_relations(result, relations)

@@ -19,6 +19,7 @@ from bench.benchmark import Bench, Column, Record, each, failed, figures, middle
 from bench.maze_loop import PARAMS, MazeLoop
 from firmware.virtual.maze_body import Drift
 from firmware.virtual.mazes import CELL, SIZES, maze
+from server import config
 from slam.pose import inverse, transform
 
 NEAR = 0.2  # m
@@ -51,7 +52,7 @@ CASES = {
 
 def run(case: Case, seed: int) -> Record:
     """One maze."""
-    params = PARAMS.model_validate(merged(PARAMS.model_dump(), case.settings))
+    params = PARAMS.model_validate(config.merge(PARAMS.model_dump(), case.settings))
     world = maze(case.size, seed)
     loop = MazeLoop(world, seed, case.drift, params)
     start = loop.virtual.pose
@@ -75,14 +76,6 @@ def run(case: Case, seed: int) -> Record:
         "metres": body.distance,
         "vertices": len(loop.keyframes),
     }
-
-
-def merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values with some changed."""
-    found = dict(values)
-    for key, change in changes.items():
-        found[key] = merged(values[key], change) if isinstance(change, Mapping) else change
-    return found
 
 
 def visible(size: str, seed: int) -> np.ndarray:

@@ -32,7 +32,8 @@ class MazeLoop:
     def __init__(self, world: World, seed: int = 0, drift: Drift = "medium", params: MazeRunnerParams = PARAMS):
         self.virtual = VirtualMazeRunner(world, seed=seed, drift=drift)
         self.robot = MazeRunner(params)
-        self.session = Session(self.robot, self.robot.calibration, boards=(channels.MOTOR,), lasers=("laser",))
+        beams = params.laser.beams
+        self.session = Session(self.robot, self.robot.calibration, boards=(channels.MOTOR,), lasers={"laser": beams})
         self.estimator = make_estimator(params, seed)
         self.keyframes: list[Keyframe] = []
         self.told = 0  # keyframes that the newest estimate knows

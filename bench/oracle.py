@@ -14,8 +14,8 @@ import numpy as np
 from slam.evaluate import nearest_of_visits, path_length
 from slam.motion import MotionParams
 from slam.pose import between, compose
-from slam.pose_graph import LoopEdges
-from slam.refinement import Chain, Problem, descend
+from slam.pose_graph import LoopEdges, descend
+from slam.refinement import Chain, Problem
 from slam.trajectory import correct
 
 LOOP_SIGMAS = np.array([0.02, 0.02, math.radians(0.5)])  # m, m, rad: how precisely the oracle knows a revisit

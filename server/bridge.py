@@ -20,7 +20,7 @@ from server.estimator import Estimator
 from server.guidance import route_view, suggestions_view
 from server.labels import Labels
 from server.layers import Layers
-from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, Snapshot, Stop
+from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, PowersCommand, Snapshot, Stop
 from server.navigator import Navigator, NavigatorParams
 from server.pulse import Pulse
 from server.recording import Recorder
@@ -235,7 +235,7 @@ class Bridge:
 
     def is_hasty(self, effect: Effect, t: float) -> bool:
         """Whether the robot's own steering speaks sooner than the radio should hear it."""
-        return isinstance(effect, DriveCommand) and not self.control.may_steer(t)
+        return isinstance(effect, DriveCommand | PowersCommand) and not self.control.may_steer(t)
 
     def sync_autopilot(self) -> None:
         """Tell the virtual robot whether it drives itself."""

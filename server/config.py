@@ -37,10 +37,10 @@ from slam.params import Params
 PREFIX = "CRUNCH_"
 FILE_NAME = "config.toml"
 REVISABLE = ("crunch", "estimator")  # tables of which a new session may have its own
-ROBOTS = {
+ROBOTS = {  # one row per robot; its parameters are the field of the same name below
     "crunch": Crunch,
     "maze_runner": MazeRunner,
-}  # one row per robot; its parameters are the field of the same name below
+}
 
 
 class ConfigError(UserError):

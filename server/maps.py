@@ -13,8 +13,9 @@ import numpy as np
 
 from server.formats.ros_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from server.messages import Label
+from slam.cost_grid import count_free
 from slam.pose import transform
-from slam.walls import Walls, count_free, curves
+from slam.walls import Walls, curves
 
 RESOLUTION = 0.05  # m per cell, where the grid stays within MAX_CELLS
 MAX_CELLS = 4000  # along either side of a grid; one jump of the odometry may stretch a map over kilometres
@@ -60,8 +61,10 @@ def occupancy(path: np.ndarray, walls: list[Walls], resolution: float = RESOLUTI
     low, shape = extent(path, walls, resolution)
     free = np.zeros(shape, np.int32)
     occupied = np.zeros(shape, np.int32)
+    if walls:
+        distances, ways = (np.stack(columns) for columns in zip(*walls, strict=True))
+        count_free(path, distances, ways, low[0], low[1], resolution, free)
     for pose, seen in zip(path, walls, strict=True):
-        count_free(free, low, resolution, pose, seen)
         count_walls(occupied, low, resolution, pose, seen)
     cells = np.full(shape, UNKNOWN, np.int8)
     cells[free > 0] = FREE

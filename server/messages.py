@@ -5,7 +5,8 @@ Nothing here knows a byte format, a robot or a file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -333,3 +334,8 @@ def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:
         t, np.asarray(pose, float)[None], np.ones(1), np.asarray(pose, float)[None], 0, n_particles, float(n_particles),
         0, 0.0, 0.0,
     )  # fmt: skip
+
+
+def shown_of(estimate: Estimate) -> dict[str, Any]:
+    """What a snapshot repeats of an estimate: all but its time."""
+    return {part.name: getattr(estimate, part.name) for part in fields(estimate) if part.name != "t"}

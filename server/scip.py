@@ -20,8 +20,7 @@ CHARACTERS = 3  # of a range
 BLOCK = 64  # characters of data before a check
 LEAST = 20  # mm; smaller numbers are codes of what went wrong
 STAMP_WRAP = 1 << 24  # ms
-STOP, PARTICULARS, BEGIN_SCIP2 = b"QT\n", b"PP\n", b"SCIP2.0\n"
-ON_THE_WAY, ACCEPTED = "99", ("00", "02")  # status of a sweep, and of requests (02: the laser was on already)
+ON_THE_WAY = "99"  # status of a sweep
 LONGEST = 8192  # bytes of an answer; what is longer is noise without empty lines
 
 
@@ -137,9 +136,8 @@ def laser_of(answer: Answer) -> LaserParams:
 
     Steps count from the right; step AFRT looks ahead. A range beyond DMAX is no return.
     """
-    told = dict(line.split(":", 1) for line in answer.lines if ":" in line)
     try:
-        first, last, ahead, turn, reach = (int(told[key]) for key in ("AMIN", "AMAX", "AFRT", "ARES", "DMAX"))
+        first, last, ahead, turn, reach = numbers_of(answer, "AMIN", "AMAX", "AFRT", "ARES", "DMAX")
         step = 360.0 / turn
         return LaserParams(
             beams=last - first + 1, first_deg=(first - ahead) * step, step_deg=step, max_range=reach / 1000.0
@@ -150,8 +148,14 @@ def laser_of(answer: Answer) -> LaserParams:
 
 def steps_of(answer: Answer) -> tuple[int, int]:
     """The first and the last step that a laser with these particulars (PP) tells ranges of."""
+    first, last = numbers_of(answer, "AMIN", "AMAX")
+    return first, last
+
+
+def numbers_of(answer: Answer, *keys: str) -> list[int]:
+    """What particulars tell of these keys; KeyError for one that is left out, ValueError for one that is no number."""
     told = dict(line.split(":", 1) for line in answer.lines if ":" in line)
-    return int(told["AMIN"]), int(told["AMAX"])
+    return [int(told[key]) for key in keys]
 
 
 class Stamps:

@@ -10,11 +10,12 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Mapping
 from typing import Protocol
 
 from server import channels, link, scip
 from server.clock import BoardClock
+from server.formats.laser import SENSOR
 from server.health import SourceHealth
 from server.messages import Arm, Command, Drive, Effect, Goal, Message, Ranges, Stop, StopCommand
 from server.recording import Kind
@@ -43,7 +44,7 @@ class Session:
     """Routes bytes to messages to the robot, counts what was refused, and gives commands their numbers and echoes.
 
     `boards` are the source numbers of the robot's, of which exactly one drives; nobody else is believed. On the links
-    of `lasers` a laser speaks SCIP 2.0 instead.
+    of `lasers` a laser of so many beams speaks SCIP 2.0 instead.
     """
 
     def __init__(
@@ -52,14 +53,15 @@ class Session:
         calibration: channels.Calibration,
         sink: Sink | None = None,
         boards: tuple[int, ...] = (channels.DRIVE, channels.SENSOR),
-        lasers: Collection[str] = (),
+        lasers: Mapping[str, int] | None = None,
     ) -> None:
         self.robot = robot
         self.calibration = calibration
         self.sink = sink
         self.t = 0.0  # newest time that came in
         self.decoders: dict[str, link.Decoder] = {}
-        self.lasers = {link_id: (scip.Decoder(), scip.Stamps()) for link_id in lasers}
+        self.beams = dict(lasers or {})  # of the lasers
+        self.lasers = {link_id: (scip.Decoder(), scip.Stamps()) for link_id in self.beams}
         self.clocks = {source: BoardClock() for source in boards}
         [self.driver] = [source for source in boards if source in channels.DRIVERS]
         self.health_of = {source: SourceHealth() for source in self.clocks}
@@ -75,7 +77,7 @@ class Session:
         if self.sink:
             self.sink.append(Kind.RX, link_id, data, t)
         if link_id in self.lasers:
-            return self._sweep(*self.lasers[link_id], data, t)
+            return self._sweep(link_id, data, t)
         decoder = self.decoders.get(link_id)
         if decoder is None:
             decoder = self.decoders[link_id] = link.Decoder()
@@ -85,13 +87,18 @@ class Session:
                 effects.extend(self.robot.step(message))
         return effects
 
-    def _sweep(self, decoder: scip.Decoder, stamps: scip.Stamps, data: bytes, t: float) -> list[Effect]:
-        """Effects of a laser's bytes."""
+    def _sweep(self, link_id: str, data: bytes, t: float) -> list[Effect]:
+        """Effects of a laser's bytes; a sweep of other beams than it has is counted and passed over."""
+        decoder, stamps = self.lasers[link_id]
         effects = []
         for said in decoder.feed(data):
-            if isinstance(said, scip.Sweep):
-                self.frames["laser"] += 1
-                effects.extend(self.robot.step(Ranges(stamps.to_host(said.time_ms, t), "laser", said.ranges)))
+            if not isinstance(said, scip.Sweep):
+                continue
+            if len(said.ranges) != self.beams[link_id]:
+                self.refused["beams"] += 1
+                continue
+            self.frames[SENSOR] += 1
+            effects.extend(self.robot.step(Ranges(stamps.to_host(said.time_ms, t), SENSOR, said.ranges)))
         return effects
 
     def command(self, message: Drive | Goal | Stop | Arm, t: float) -> list[Effect]:

@@ -17,7 +17,8 @@ from slam.echoes import Echoes, EchoParams
 from slam.motion import MotionParams
 from slam.odometry_chain import Chain
 from slam.params import Params
-from slam.refinement import Problem, Refined, descend
+from slam.pose_graph import descend
+from slam.refinement import Problem, Refined
 
 
 class BundleParams(Params):

@@ -18,7 +18,7 @@ from pydantic import Field
 from slam.counter_random import gaussian, uniform
 from slam.grid import Grid
 from slam.params import Params
-from slam.path_filter import PathEstimate, checked_pose
+from slam.path_filter import PathEstimate, checked_pose, estimate_of
 from slam.path_tree import PathTree
 from slam.pose import between
 from slam.resampling import effective_particles, normalize, systematic
@@ -218,11 +218,8 @@ class FastSlam:
         if self.tree is None:
             raise RuntimeError("the filter has seen no vertex yet")
         best = self.best()
-        shown = np.linspace(0, self.n_particles - 1, min(max_particles, self.n_particles)).astype(int)
-        return PathEstimate(
-            self.tree.path(best), self.tree.profile(), self.tree.newest(shown), self.tree.fixed_depth(),
-            self.n_particles, self.effective, self.vertices - 1, float(self.scores[best]), 0.0,
-        )  # fmt: skip
+        resamplings = self.vertices - 1  # at every vertex but the first
+        return estimate_of(self.tree, best, max_particles, self.effective, resamplings, float(self.scores[best]))
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """How certain each vertex is; RuntimeError before the first one."""

@@ -6,7 +6,6 @@ and `planning`.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,12 +28,11 @@ class FrontierParams(Params):
 
 
 class Frontier(NamedTuple):
-    """A `place` (2,) on it that is reached first, its length and the way there in m, where the unknown lies (rad)."""
+    """A `place` (2,) on it that is reached first, its length and the way there in m."""
 
     place: np.ndarray
     length: float
     way: float
-    bearing: float
 
 
 def frontiers(grid: CostGrid, start: np.ndarray, params: FrontierParams) -> list[Frontier]:
@@ -58,13 +56,5 @@ def frontiers(grid: CostGrid, start: np.ndarray, params: FrontierParams) -> list
         if ways[first] < params.near and length < 2.0 * params.least:
             continue
         place = grid.places(cells[first : first + 1])[0]
-        found.append(Frontier(place, length, float(ways[first]), unknown_from(unknown, cells[first])))
+        found.append(Frontier(place, length, float(ways[first])))
     return sorted(found, key=lambda frontier: (frontier.way - params.gain * frontier.length, tuple(frontier.place)))
-
-
-def unknown_from(unknown: np.ndarray, cell: np.ndarray, around: int = 3) -> float:
-    """The bearing (rad) from a cell (2,) to what is unknown around it."""
-    row, column = (int(each) for each in cell)
-    top, left = max(0, row - around), max(0, column - around)
-    rows, columns = np.nonzero(unknown[top : row + around + 1, left : column + around + 1])
-    return math.atan2(float(np.mean(rows + top - row)), float(np.mean(columns + left - column)))

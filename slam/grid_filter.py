@@ -22,7 +22,7 @@ from slam.laser_maps import LaserMapParams, LaserMaps
 from slam.laser_scan import Scan, scan_of
 from slam.map_matching import LayParams, lay
 from slam.params import Params
-from slam.path_filter import PathEstimate, checked_pose
+from slam.path_filter import PathEstimate, checked_pose, estimate_of
 from slam.path_tree import PathTree
 from slam.pose import between, compose, wrap
 from slam.resampling import effective_particles, normalize, systematic
@@ -179,11 +179,7 @@ class GridFilter:
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """What is known now; `affinity` is the best particle's log weight. RuntimeError before the first vertex."""
         tree, best = self.known(), self.best()
-        shown = np.linspace(0, self.n_particles - 1, min(max_particles, self.n_particles)).astype(int)
-        return PathEstimate(
-            tree.path(best), tree.profile(), tree.newest(shown), tree.fixed_depth(), self.n_particles, self.effective,
-            self.resamplings, float(self.scores[best]), 0.0,
-        )  # fmt: skip
+        return estimate_of(tree, best, max_particles, self.effective, self.resamplings, float(self.scores[best]))
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """How certain each vertex is; RuntimeError before the first one."""

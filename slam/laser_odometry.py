@@ -25,7 +25,7 @@ from slam.scan_motion import ScanMotionParams, in_world, motion_between
 class LaserOdometryParams(Params):
     """How far it remembers, and how scans are laid."""
 
-    is_on: bool = True  # else the odometry is believed
+    is_on: bool = True  # else the odometry is believed, and the map is drawn along it
     has_map: bool = True  # else only the scan before counts
     is_alone: bool = False  # whether none is: the last motion is thought to go on,
     unrest: tuple[float, float, float] = (0.1, 0.1, 0.15)  # m, m, rad that it may differ by from one scan to the next
@@ -67,17 +67,7 @@ class LaserOdometry:
     def move(self, before: Scan, scan: Scan, told: np.ndarray) -> None:
         """Go on by a motion that the odometry has told."""
         params = self.params
-        if not params.is_on:
-            self.pose = compose(self.pose, told)
-            return
-        if params.is_alone:
-            motion = motion_between(before, scan, self.motion, params.motion, np.diag(np.array(params.unrest) ** -2.0))
-        else:
-            motion = motion_between(before, scan, told, params.motion)
-        pose = compose(self.pose, motion.pose)
-        prior = in_world(motion.information, self.pose[2:])[0]
-        if params.has_map:
-            lay(self.maps[0].cells, 0, scan, pose, prior, params.lay.rule(), np.empty((3, 3)))
+        pose = self.laid(before, scan, told) if params.is_on else compose(self.pose, told)
         pose[2] = wrap(pose[2])
         self.motion = between(self.pose, pose)
         self.age += life_of(self.motion, params)
@@ -85,6 +75,19 @@ class LaserOdometry:
         moved = between(self.drawn, pose)
         if math.hypot(moved[0], moved[1]) >= params.step or abs(moved[2]) >= params.step_turn:
             self.draw(scan)
+
+    def laid(self, before: Scan, scan: Scan, told: np.ndarray) -> np.ndarray:
+        """The pose (3,) at which a scan lies best upon the one before and the map, given a motion that was told."""
+        params = self.params
+        if params.is_alone:
+            motion = motion_between(before, scan, self.motion, params.motion, np.diag(np.array(params.unrest) ** -2.0))
+        else:
+            motion = motion_between(before, scan, told, params.motion)
+        pose = compose(self.pose, motion.pose)
+        if params.has_map:
+            prior = in_world(motion.information, self.pose[2:])[0]
+            lay(self.maps[0].cells, 0, scan, pose, prior, params.lay.rule(), np.empty((3, 3)))
+        return pose
 
     def draw(self, scan: Scan) -> None:
         """Take a scan up into the maps; the newest one's life may end here, and with it the older one."""

@@ -60,6 +60,19 @@ class PathEstimate(NamedTuple):
     plausibility: float
 
 
+def estimate_of(
+    tree: PathTree, best: int, max_particles: int, effective: float, resamplings: int, affinity: float,
+    plausibility: float = 0.0,
+) -> PathEstimate:  # fmt: skip
+    """What a tree of paths tells, of which `best` is the best particle; newest poses of `max_particles` at most."""
+    n = tree.leaves.size
+    shown = np.linspace(0, n - 1, min(max_particles, n)).astype(int)
+    return PathEstimate(
+        tree.path(best), tree.profile(), tree.newest(shown), tree.fixed_depth(), n, effective, resamplings, affinity,
+        plausibility,
+    )  # fmt: skip
+
+
 def checked_pose(vertex: int, pose: np.ndarray, travelled: float | None) -> np.ndarray:
     """A copy of the pose (3,) of a vertex to be, `travelled` m after the last one, before anything is changed for it.
 
@@ -228,10 +241,6 @@ class PathFilter:
         """What is known now; RuntimeError before the first vertex."""
         if self.tree is None:
             raise RuntimeError("the filter has seen no vertex yet")
-        best = self.best()
-        shown = np.linspace(0, self.n_particles - 1, min(max_particles, self.n_particles)).astype(int)
-        return PathEstimate(
-            self.tree.path(best), self.tree.profile(), self.tree.newest(shown),
-            self.tree.fixed_depth(), self.n_particles, self.effective, self.resamplings,
-            float(self.particles.affinities[best]), float(self.particles.plausibilities[best]),
-        )  # fmt: skip
+        best, particles = self.best(), self.particles
+        scores = float(particles.affinities[best]), float(particles.plausibilities[best])
+        return estimate_of(self.tree, best, max_particles, self.effective, self.resamplings, *scores)

@@ -1,4 +1,4 @@
-"""Sparse nonlinear least squares over poses in the plane: normal equations, and a damped step.
+"""Sparse nonlinear least squares over poses in the plane: normal equations, a damped step, and the descent.
 
 A graph is a list of terms, each a quadratic in the relative pose of two nodes (motions, walls seen twice, loop edges),
 and a few unknowns that all nodes share (biases of the odometry, the direction of the building). Node 0 stands still.
@@ -9,7 +9,7 @@ they do not fill the factor.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
@@ -17,6 +17,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from slam.pose import between, wrap
+
+LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its descent
 
 
 class Terms(NamedTuple):
@@ -154,3 +156,36 @@ def block_matrix(first, second, diagonal, off_diagonal) -> sparse.csc_array:
     inner_rows, inner_columns = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
     at = (3 * rows[:, None] + inner_rows).reshape(-1), (3 * columns[:, None] + inner_columns).reshape(-1)
     return sparse.coo_array((blocks.reshape(-1), at), shape=(3 * n, 3 * n)).tocsc()
+
+
+class LeastSquares(Protocol):
+    """What `descend` makes less."""
+
+    def linearize(self, poses: np.ndarray, shared: np.ndarray) -> tuple[float, Terms, Border]:
+        """Cost at poses (n, 3) and shared unknowns (g,), and its derivatives."""
+        ...
+
+
+def descend(
+    problem: LeastSquares, poses: np.ndarray, shared: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Poses (n, 3), shared unknowns and cost after at most `steps` of Levenberg and Marquardt.
+
+    Damping grows after a step that did not help and shrinks after one that did; the cost never rises.
+    """
+    damping = 1e-6
+    cost, terms, border = problem.linearize(poses, shared)
+    for _ in range(steps):
+        moved, change = NormalEquations(poses, terms, border).step(damping)
+        trial = poses + moved
+        trial[:, 2] = wrap(trial[:, 2])
+        found, terms_there, border_there = problem.linearize(trial, shared + change)
+        if not found < cost:
+            damping = max(1e-3, damping) * 10.0
+            continue
+        gain = cost - found
+        poses, shared, cost, terms, border = trial, shared + change, found, terms_there, border_there
+        damping *= 0.1
+        if gain < LEAST_GAIN * cost:
+            break
+    return poses, shared, cost

@@ -183,12 +183,7 @@ class RefinedFilter:
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """What is known now, the path as refined last; RuntimeError before the first vertex."""
         now = self.path_filter.estimate(max_particles)
-        if self.correction is None:
-            return now
-        newest = np.full(len(now.particles), len(now.path) - 1)
-        return now._replace(
-            path=corrected(self.correction, now.path), particles=self.correction.apply(now.path, now.particles, newest)
-        )
+        return now if self.correction is None else corrected_estimate(self.correction, now)
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """How certain the refined path's vertices are, and the tree's branches where they lie about it."""
@@ -201,6 +196,14 @@ class RefinedFilter:
 def corrected(correction: Correction, path: np.ndarray) -> np.ndarray:
     """The filter's best path (n, 3), as corrected."""
     return correction.apply(path, path, np.arange(len(path)))
+
+
+def corrected_estimate(correction: Correction, now: PathEstimate) -> PathEstimate:
+    """What the filter knows now, its path and particles as corrected."""
+    newest = np.full(len(now.particles), len(now.path) - 1)
+    return now._replace(
+        path=corrected(correction, now.path), particles=correction.apply(now.path, now.particles, newest)
+    )
 
 
 def corrected_uncertainty(correction: Correction, now: Uncertainty, best: np.ndarray) -> Uncertainty:

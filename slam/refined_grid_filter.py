@@ -11,8 +11,16 @@ import numpy as np
 
 from slam.grid_filter import GridFilter
 from slam.path_filter import PathEstimate
-from slam.refined_filter import SHARE, Correction, corrected, corrected_uncertainty, correction_by
-from slam.scan_graph import Beat, ScanGraph, ScanGraphParams
+from slam.refined_filter import (
+    SHARE,
+    Correction,
+    corrected,
+    corrected_estimate,
+    corrected_uncertainty,
+    correction_by,
+)
+from slam.refinement import Beat
+from slam.scan_graph import ScanGraph, ScanGraphParams
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
@@ -86,12 +94,7 @@ class RefinedGridFilter:
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """What is known now, the path as refined last; RuntimeError before the first vertex."""
         now = self.path_filter.estimate(max_particles)
-        if self.correction is None:
-            return now
-        newest = np.full(len(now.particles), len(now.path) - 1)
-        return now._replace(
-            path=corrected(self.correction, now.path), particles=self.correction.apply(now.path, now.particles, newest)
-        )
+        return now if self.correction is None else corrected_estimate(self.correction, now)
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """How certain the refined path's vertices are, and the tree's branches where they lie about it."""

@@ -26,9 +26,8 @@ from pydantic import Field
 from slam.motion import MotionParams
 from slam.odometry_chain import Chain, motion_sigmas, motion_terms, seat_covariances
 from slam.params import Params
-from slam.pose import wrap
 from slam.pose_covariance import Covariances
-from slam.pose_graph import Border, NormalEquations, Terms
+from slam.pose_graph import Border, NormalEquations, Terms, descend
 from slam.wall_direction import BLUR
 from slam.wall_matching import Matching, Nearness, WallMatches, WallPoints
 
@@ -38,7 +37,6 @@ SHARPNESS = BLUR**-2  # von Mises concentration of four times a wall's direction
 PEAK = math.exp(SHARPNESS) / float(np.i0(SHARPNESS))  # density where it is greatest, relative to any direction's
 
 DOUBT = 20.0  # nats by which walls must speak for a square building: ten vertices see the same wall, one tells of it
-LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
 
 class RefinementParams(Params):
@@ -235,28 +233,3 @@ def refine(
 ) -> Refined:
     """Refine `poses` (n, 3), which are a good guess already; with `directions`, where the building turns out square."""
     return Refinement(chain, walls, motion, params, directions).refine(poses)
-
-
-def descend(
-    problem: Problem, poses: np.ndarray, shared: np.ndarray, steps: int
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Poses (n, 3), shared unknowns and cost after at most `steps` of Levenberg and Marquardt.
-
-    Damping grows after a step that did not help and shrinks after one that did; the cost never rises.
-    """
-    damping = 1e-6
-    cost, terms, border = problem.linearize(poses, shared)
-    for _ in range(steps):
-        moved, change = NormalEquations(poses, terms, border).step(damping)
-        trial = poses + moved
-        trial[:, 2] = wrap(trial[:, 2])
-        found, terms_there, border_there = problem.linearize(trial, shared + change)
-        if not found < cost:
-            damping = max(1e-3, damping) * 10.0
-            continue
-        gain = cost - found
-        poses, shared, cost, terms, border = trial, shared + change, found, terms_there, border_there
-        damping *= 0.1
-        if gain < LEAST_GAIN * cost:
-            break
-    return poses, shared, cost

@@ -4,31 +4,31 @@ Scans of neighbouring visits are aligned point-to-line from where the path has t
 building with many like corners that also succeeds where it must not, so that an alignment counts only if neither scan
 sees through the other's walls. What is left, and the odometry between vertices, are the edges of a pose graph, under a
 kernel that lets wrong ones go. Rounds begin wide, for paths that are off by metres, and end narrow. Uses its siblings
-`scan_agreement`, `scan_matching`, `wall_matching`, which chooses the pairs, `pose_graph` and `pose_covariance`.
+`scan_agreement`, `scan_matching`, `wall_matching`, which chooses the pairs, `refinement`, `pose_graph` and
+`pose_covariance`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import Field
 
 from slam.laser_scan import Scan
 from slam.params import Params
-from slam.pose import between, wrap
+from slam.pose import between
 from slam.pose_covariance import Covariances
-from slam.pose_graph import Border, LoopEdges, NormalEquations, Terms
+from slam.pose_graph import Border, LoopEdges, NormalEquations, Terms, descend
+from slam.refinement import Beat
 from slam.scan_agreement import AgreementParams, do_agree
 from slam.scan_matching import ScanMatchingParams, match_scans
 from slam.wall_matching import near_pairs
 
-Beat = Callable[[], None]
-
 SURE = 3.0  # standard deviations of the odometry's drift that ends and walls may be apart
+NONE = np.zeros(0)  # of the unknowns that all vertices share
 LEAST_TURN = 0.05  # rad that a scan may be turned, however short the way was
-LEAST_GAIN = 1e-4  # of the cost; a step that gains less is the last one of its round
 
 
 class ScanGraphParams(Params):
@@ -45,9 +45,7 @@ class ScanGraphParams(Params):
     distance: float = Field(default=0.02, gt=0.0)  # m by which the odometry errs between two vertices,
     turn: float = Field(default=0.005, gt=0.0)  # and rad
     trust: float = Field(default=0.02, gt=0.0, le=1.0)  # in a match's information, for its ends err together
-    kernel: float = Field(
-        default=10.0, gt=0.0
-    )  # standard deviations from which an edge counts less and less, at first,
+    kernel: float = Field(default=10.0, gt=0.0)  # sigmas from which an edge counts less and less, at first,
     last_kernel: float = Field(default=3.0, gt=0.0)  # and in the end
     matching: ScanMatchingParams = ScanMatchingParams(enough=0.3)  # but for its gate
     agreement: AgreementParams = AgreementParams()
@@ -72,7 +70,7 @@ class ScanGraph:
         path, last = np.array(path, float), self.params.rounds
         for round_ in range(0 if rounds is None else max(0, last - rounds), last if len(path) > 1 else 0):
             self.associate(path, round_ / max(1, last - 1), beat)
-            path = self.descend(path)
+            path, *_ = descend(self, path, NONE, self.params.steps)
             beat()
         return path
 
@@ -112,30 +110,16 @@ class ScanGraph:
         lever = 0.25 * float(self.ways[second] - self.ways[first])
         return root * math.hypot(params.distance, params.turn * lever), root * params.turn
 
-    def linearize(self, path: np.ndarray) -> tuple[float, NormalEquations]:
-        """Cost and normal equations at a path (n, 3)."""
-        parts = [edges.terms(path) for edges in (self.chain, self.loops)]
+    def linearize(self, poses: np.ndarray, shared: np.ndarray) -> tuple[float, Terms, Border]:
+        """Cost at poses (n, 3), which share no unknowns (0,), and its derivatives."""
+        parts = [edges.terms(poses) for edges in (self.chain, self.loops)]
         terms = Terms(*(np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)))
-        return sum(part[0] for part in parts), NormalEquations(path, terms, Border.zeros(len(path), 0))
-
-    def descend(self, path: np.ndarray) -> np.ndarray:
-        """The path (n, 3) after at most `steps` of Levenberg and Marquardt; the cost never rises."""
-        damping, (cost, equations) = 1e-6, self.linearize(path)
-        for _ in range(self.params.steps):
-            trial = path + equations.step(damping)[0]
-            trial[:, 2] = wrap(trial[:, 2])
-            found, there = self.linearize(trial)
-            if not found < cost:
-                damping = max(1e-3, damping) * 10.0
-                continue
-            gain, path, cost, equations, damping = cost - found, trial, found, there, 0.1 * damping
-            if gain < LEAST_GAIN * cost:
-                break
-        return path
+        return sum(part[0] for part in parts), terms, Border.zeros(len(poses), shared.size)
 
     def covariances(self, path: np.ndarray) -> Covariances:
         """How certain the poses of a path (n, 3) are that came of the last round."""
-        return Covariances(self.linearize(path)[1])
+        _, terms, border = self.linearize(path, NONE)
+        return Covariances(NormalEquations(path, terms, border))
 
 
 def no_edges() -> LoopEdges:

@@ -180,25 +180,3 @@ def curves(walls: Walls, jump: float = 0.15) -> list[np.ndarray]:
         is_start = ~(np.abs(walls.distances[rays] - walls.distances[rays - 1]) <= jump)
         found.append(points[np.roll(rays, -int(np.argmax(is_start)))])  # the curve may cross ray 0
     return found
-
-
-@njit(cache=True)
-def count_free(counts, low, resolution, pose, walls):
-    """Add one to the cells of `counts` (rows, columns) whose centres lie nearer than the ray that they lie on was free.
-
-    The grid begins at `low` (2,), its cells are `resolution` m wide; the walls were seen from `pose` (3,).
-    """
-    n_rays = walls.free.size
-    bounds = np.minimum(walls.free, walls.distances - 0.5 * resolution)
-    u, v = (pose[0] - low[0]) / resolution, (pose[1] - low[1]) / resolution
-    reach = walls.free.max()
-    radius = int(reach / resolution) + 1
-    for row in range(max(0, int(v) - radius), min(counts.shape[0], int(v) + radius + 1)):
-        y = (row + 0.5 - v) * resolution
-        for column in range(max(0, int(u) - radius), min(counts.shape[1], int(u) + radius + 1)):
-            x = (column + 0.5 - u) * resolution
-            if x * x + y * y > reach * reach:
-                continue
-            ray = round((math.atan2(y, x) - pose[2]) * n_rays / (2.0 * math.pi)) % n_rays
-            if math.hypot(x, y) < bounds[ray]:
-                counts[row, column] += 1

@@ -66,3 +66,14 @@ def messages(log: LaserLog) -> Iterator[Message]:
         else:
             yield Odometry(float(log.odometry_times[row]), *(float(part) for part in odometry[row]))
             row += 1
+
+
+def integrate(left: np.ndarray, right: np.ndarray, track: float) -> np.ndarray:
+    """Poses (n, 3) of a robot whose wheels, `track` m apart, have gone `left` (n,) and `right` (n,) m, in arcs."""
+    ways = 0.5 * (np.diff(left, prepend=left[:1]) + np.diff(right, prepend=right[:1]))
+    turns = (np.diff(right, prepend=right[:1]) - np.diff(left, prepend=left[:1])) / track
+    headings = np.cumsum(turns)
+    chords = ways * np.sinc(0.5 * turns / np.pi)  # of an arc
+    x = np.cumsum(chords * np.cos(headings - 0.5 * turns))
+    y = np.cumsum(chords * np.sin(headings - 0.5 * turns))
+    return np.column_stack([x, y, headings])

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from server.formats.errors import FormatError, read_lines
-from server.formats.laser import LaserLog, by_time
-from server.formats.mines import integrate
+from server.formats.laser import LaserLog, by_time, integrate
 
 MOTORS, SCANS, REFERENCE = "_motors.txt", "_scan.txt", "_reference.txt"
 STEP = 0.006135923151543  # rad between beams, of which the middle one looks ahead

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from server.formats.errors import FormatError, read_lines
-from server.formats.laser import LaserLog, by_time
+from server.formats.laser import LaserLog, by_time, integrate
 
 BEAMS, HEADER = 682, 25
 COLUMNS = HEADER + BEAMS
@@ -63,14 +63,3 @@ def read_mines(path: Path | str) -> LaserLog:
     odometry = integrate(ways[:, 0], ways[:, 1], 2.0 * HALF_AXLE)
     log = by_time(path, times, odometry, times, scans, bearings, MOUNT)
     return log._replace(truncated_at=truncated_at)
-
-
-def integrate(left: np.ndarray, right: np.ndarray, track: float) -> np.ndarray:
-    """Poses (n, 3) of a robot whose wheels, `track` m apart, have gone `left` (n,) and `right` (n,) m, in arcs."""
-    ways = 0.5 * (np.diff(left, prepend=left[:1]) + np.diff(right, prepend=right[:1]))
-    turns = (np.diff(right, prepend=right[:1]) - np.diff(left, prepend=left[:1])) / track
-    headings = np.cumsum(turns)
-    chords = ways * np.sinc(0.5 * turns / np.pi)  # of an arc
-    x = np.cumsum(chords * np.cos(headings - 0.5 * turns))
-    y = np.cumsum(chords * np.sin(headings - 0.5 * turns))
-    return np.column_stack([x, y, headings])

@@ -35,6 +35,7 @@ from server.messages import (
     StopCommand,
     Wheels,
     nothing_known,
+    shown_of,
 )
 from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
@@ -284,31 +285,17 @@ class Crunch:
             densities=densities,
             threshold=self.params.vfh.threshold,
             valleys=self.vfh.valleys(densities),
-            goal=self.goal.place if self.goal else None,
-            goal_bearing=self.pilot.objective(pose),
-            steering=self.pilot.bearing,
-            path=estimate.path,
             walls=self.best_walls,
             vertex_curves=self.curves[:known],
             observations=self.observations[:known],
             vertex_times=np.array(self.times[:known]),
             vertex_odometry=np.array(self.vertices[:known]).reshape(-1, 3),
-            profile=estimate.profile,
-            fixed_depth=estimate.fixed_depth,
-            particles=estimate.particles,
-            n_particles=estimate.n_particles,
-            effective_particles=estimate.effective_particles,
-            resamplings=estimate.resamplings,
-            affinity=estimate.affinity,
-            plausibility=estimate.plausibility,
             balance=self.balance,
             power=self.power,
             boards=dict(self.boards),
             last_words=self.last_words,
-            route=self.pilot.course.rest() if self.pilot.course else np.zeros((0, 2)),
-            spread=estimate.spread,
-            revisit_spread=estimate.revisit_spread,
-            branches=estimate.branches,
+            **self.pilot.shown(pose),
+            **shown_of(estimate),
         )
 
     def beams(self) -> dict[str, dict]:

@@ -32,6 +32,7 @@ from server.messages import (
     Stop,
     StopCommand,
     nothing_known,
+    shown_of,
 )
 from server.robots.pilot import Pilot, Reins
 from slam.fastslam import FastSlam, FastSlamParams
@@ -192,11 +193,11 @@ class MazeRunner:
         motors = self.params.motors
         half = 0.5 * motors.track * max(-self.params.max_turn, min(self.params.max_turn, turn))
         wanted = np.array([speed - half, speed + half])
-        curves_ = self.reckoning.curves
-        share = min(1.0, *(curve.fastest / max(abs(each), 1e-9) for curve, each in zip(curves_, wanted, strict=True)))
+        wheels = list(zip(self.reckoning.curves, wanted, strict=True))
+        share = min(1.0, *(curve.fastest / max(abs(each), 1e-9) for curve, each in wheels))
         volts = self.motors.battery_volts if self.motors is not None else 0.0
         factor = motors.nominal_volts / volts if volts > 0.5 * motors.nominal_volts else 1.0
-        powers = [float(curve.command(share * each)) * factor for curve, each in zip(curves_, wanted, strict=True)]
+        powers = [float(curve.command(share * each)) * factor for curve, each in wheels]
         left, right = (max(-1.0, min(1.0, power)) for power in powers)
         return PowersCommand(left, right, self.params.deadline)
 
@@ -238,8 +239,9 @@ class MazeRunner:
         here = self.here()
         estimate = self.estimate or nothing_known(self.t, here, self.params.filter.particles)
         known = len(self.estimate.path) if self.estimate else 0
-        densities, pose = self.densities(), self.pose()
-        grid = window(self.follower.grid(), here[:2], self.params.shown_reach)
+        pose, remembered = self.pose(), self.follower.grid()
+        densities = self.vfh.histogram(remembered, here, math.inf)
+        grid = window(remembered, here[:2], self.params.shown_reach)
         seen = curves(self.walls, self.params.filter.jump) if self.walls is not None else []
         return Snapshot(
             t=self.t,
@@ -257,28 +259,14 @@ class MazeRunner:
             densities=densities,
             threshold=self.params.vfh.threshold,
             valleys=self.vfh.valleys(densities),
-            goal=self.goal.place if self.goal else None,
-            goal_bearing=self.pilot.objective(pose),
-            steering=self.pilot.bearing,
-            path=estimate.path,
             walls=self.best_walls,
             vertex_curves=self.curves[:known],
             observations=self.observations[:known],
             vertex_times=np.array(self.times[:known]),
             vertex_odometry=np.array(self.told[:known]).reshape(-1, 3),
-            profile=estimate.profile,
-            fixed_depth=estimate.fixed_depth,
-            particles=estimate.particles,
-            n_particles=estimate.n_particles,
-            effective_particles=estimate.effective_particles,
-            resamplings=estimate.resamplings,
-            affinity=estimate.affinity,
-            plausibility=estimate.plausibility,
             boards=dict(self.boards),
-            route=self.pilot.course.rest() if self.pilot.course else np.zeros((0, 2)),
-            spread=estimate.spread,
-            revisit_spread=estimate.revisit_spread,
-            branches=estimate.branches,
+            **self.pilot.shown(pose),
+            **shown_of(estimate),
         )
 
     def beams(self) -> dict[str, dict]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -110,6 +110,15 @@ class Pilot:
             return None
         offset = self.offset(pose)
         return math.atan2(offset[1], offset[0])
+
+    def shown(self, pose: np.ndarray) -> dict[str, Any]:
+        """What a snapshot of the robot at `pose` (3,) in the world tells of where it heads, by the snapshot's names."""
+        return {
+            "goal": self.goal.place if self.goal else None,
+            "goal_bearing": self.objective(pose),
+            "steering": self.bearing,
+            "route": self.course.rest() if self.course else np.zeros((0, 2)),
+        }
 
     def offset(self, pose: np.ndarray) -> np.ndarray:
         """The point to steer to (2,), in the frame of the robot at `pose` (3,) in the world."""

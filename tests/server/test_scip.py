@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from server.channels import Calibration
+from server.messages import Ranges
 from server.scip import (
     BLOCK,
     LONGEST,
@@ -21,6 +23,7 @@ from server.scip import (
     start,
     steps_of,
 )
+from server.session import Session
 
 PARTICULARS = {
     "MODL": "URG-04LX(Hokuyo Automatic Co., Ltd.)", "DMIN": "20", "DMAX": "5600", "ARES": "1024", "AMIN": "44",
@@ -139,6 +142,31 @@ def test_a_sweep_of_another_length_than_was_asked_for_is_rejected():
 def test_requests_that_no_laser_understands_are_not_made(steps):
     with pytest.raises(ValueError, match="no laser"):
         start(*steps)
+
+
+class Ear:
+    """A robot that keeps what it is told."""
+
+    def __init__(self):
+        self.heard = []
+
+    def step(self, message):
+        self.heard.append(message)
+        return []
+
+
+def test_a_session_hands_the_robot_sweeps_of_its_laser_and_counts_those_of_another():
+    ear = Ear()
+    session = Session(ear, Calibration(), lasers={"laser": 50})
+    data = told([1000] * 50, 100) + told([1000] * 60, 200) + told([2000] * 50, 300)
+    for at in range(0, len(data), 7):
+        session.receive("laser", data[at : at + 7], 5.0 + 1e-3 * at)
+    first, second = ear.heard
+    assert all(isinstance(message, Ranges) and message.sensor == "laser" for message in ear.heard)
+    assert (first.ranges.tolist(), second.ranges.tolist()) == ([1.0] * 50, [2.0] * 50)
+    assert second.t - first.t == pytest.approx(0.2)
+    health = session.health(6.0)
+    assert (health["frames"], health["refused"], health["rejected"]) == ({"laser": 2}, {"beams": 1}, 0)
 
 
 def test_stamps_become_the_hosts_time_without_the_lines_jitter():

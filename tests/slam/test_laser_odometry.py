@@ -1,11 +1,13 @@
 """Odometry by a laser drifts little, whatever odometry it begins with."""
 
+import math
+
 import numpy as np
 import pytest
 
 from slam.evaluate import relative_error
 from slam.laser_odometry import LaserOdometry, LaserOdometryParams
-from slam.pose import between
+from slam.pose import between, transform
 from tests.slam.laser_world import around, blind, odometry_of, ring, scan_at
 
 
@@ -43,6 +45,16 @@ def test_without_it_the_odometry_is_believed():
     _, odometry, scans = drive(laps=0.3)
     path, _ = follow(odometry, scans, is_on=False)
     assert path == pytest.approx(odometry, abs=1e-9)
+
+
+def test_without_it_the_map_still_goes_along():
+    poses, odometry, scans = drive(laps=0.5)
+    _, found = follow(odometry, scans, is_on=False)
+    assert math.hypot(*(poses[-1] - poses[0])[:2]) > 3.0
+    grid = found.grid()
+    ends = transform(found.pose, scans[-1].points)
+    columns, rows = np.floor((ends - [grid.x, grid.y]) / grid.resolution).astype(int).T
+    assert np.mean(grid.cells[rows, columns] > 0.0) > 0.9
 
 
 def test_only_the_newest_metres_are_remembered():

@@ -11,8 +11,8 @@ from slam.motion import MotionParams
 from slam.odometry_chain import Chain, motion_sigmas, seat_covariances
 from slam.pose import between, compose
 from slam.pose_covariance import Covariances
-from slam.pose_graph import LoopEdges, NormalEquations
-from slam.refinement import Problem, descend
+from slam.pose_graph import LoopEdges, NormalEquations, descend
+from slam.refinement import Problem
 from slam.wall_matching import Matching, Nearness, WallMatches, wall_points
 from tests.naive import odometry_chain as naive
 from tests.slam.drives import laps
