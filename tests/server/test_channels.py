@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from server import channels, link
-from server.channels import CHANNELS, DRIVE, HOST, MOTOR, SENSOR, Calibration, Refused, decode, encode_command, read
+from server.channels import CHANNELS, DRIVE, MOTOR, SENSOR, Calibration, Refused, decode, encode_command, read
 from server.link import Frame
 from server.messages import (
-    AdjustCommand,
     ArmCommand,
     Balance,
     DriveCommand,
@@ -284,85 +283,11 @@ def test_our_own_commands_coming_back_are_refused():
             read(encode_command(command, 0, 0))
 
 
-@given(st.floats(-2.0, 2.0), st.floats(-6.0, 6.0), st.integers(0, 255), st.integers(0, 65535))
-def test_a_drive_command_carries_its_check_and_the_echo(speed, turn, sequence, echo_ms):
-    sent = encode_command(DriveCommand(speed, turn), sequence, echo_ms)
-    assert (sent.source, sent.channel, sent.sequence) == (HOST, channels.DRIVE_COMMAND, sequence)
-    millimetres, milliradians, echo, check = CHANNELS[sent.channel].payload.unpack(sent.payload)
-    assert millimetres == pytest.approx(1000 * speed, abs=0.5)
-    assert milliradians == pytest.approx(1000 * turn, abs=0.5)
-    assert echo == echo_ms
-    assert check == zlib.crc32(sent.payload[:-4])
-
-
-def test_stop_and_arm_commands():
-    stop, arm, disarm = (
-        encode_command(command, 5, 777) for command in (StopCommand(), ArmCommand(True), ArmCommand(False))
-    )
-    assert stop.payload == struct.pack("<H", 777) + struct.pack("<I", zlib.crc32(struct.pack("<H", 777)))
-    assert CHANNELS[arm.channel].payload.unpack(arm.payload)[:2] == (1, 777)
-    assert CHANNELS[disarm.channel].payload.unpack(disarm.payload)[:2] == (0, 777)
-
-
-@pytest.mark.parametrize("speed", [math.nan, math.inf, 40.0])
-def test_a_command_no_robot_can_mean_is_a_mistake(speed):
-    with pytest.raises(ValueError, match="does not fit a command"):
-        encode_command(DriveCommand(speed, 0.0), 0, 0)
-
-
-@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.001, 1.0), st.integers(0, 65535))
-def test_powers_carry_their_deadline_their_check_and_the_echo(left, right, deadline, echo_ms):
-    sent = encode_command(PowersCommand(left, right, deadline), 5, echo_ms)
-    assert (sent.source, sent.channel) == (HOST, channels.POWERS_COMMAND)
-    *fields, check = CHANNELS[sent.channel].payload.unpack(sent.payload)
-    assert fields[:2] == [pytest.approx(10_000 * power, abs=0.5) for power in (left, right)]
-    assert fields[2:] == [pytest.approx(1000 * deadline, abs=0.5), echo_ms]
-    assert check == zlib.crc32(sent.payload[:-4])
-
-
-@pytest.mark.parametrize(
-    "powers",
-    [
-        PowersCommand(1.001, 0.0, 0.3),
-        PowersCommand(0.0, -1.001, 0.3),
-        PowersCommand(0.0, math.nan, 0.3),
-        PowersCommand(0.0, 0.0, 0.0),
-        PowersCommand(0.0, 0.0, 1.001),
-        PowersCommand(0.0, 0.0, math.nan),
-    ],
-)
-def test_powers_beyond_full_and_deadlines_that_are_none_are_mistakes(powers):
-    with pytest.raises(ValueError, match="does not fit a command"):
-        encode_command(powers, 0, 0)
-
-
-def test_each_command_has_its_board():
-    commands = {
-        DriveCommand(0.1, 0.2): DRIVE, ArmCommand(True): DRIVE, AdjustCommand("drive", "ask", "tilt"): DRIVE,
-        AdjustCommand("sensor", "ask", "sonar_ms"): SENSOR, PowersCommand(0.1, 0.2, 0.3): MOTOR,
-    }  # fmt: skip
-    assert {command: channels.addressee(command) for command in commands} == commands
-
-
 def test_a_frame_of_a_board_that_the_robot_has_not_is_refused():
     told = frame(channels.MOTORS, MOTOR, 0, 0, 11_800, 0, 9, 0)
     assert read(told, (MOTOR,)) == read(told) == (0, 0, 11_800, 0, 9, 0)
     with pytest.raises(Refused, match="source"):
         read(told, (DRIVE, SENSOR))
-
-
-def test_an_adjustment_names_its_board_and_carries_its_check_and_the_echo():
-    sent = encode_command(AdjustCommand("sensor", "set", "sonar_ms", 400.0), 5, 777)
-    *fields, check = CHANNELS[sent.channel].payload.unpack(sent.payload)
-    assert fields == [SENSOR, 1, 2, 400.0, 777]
-    assert check == zlib.crc32(sent.payload[:-4])
-    with pytest.raises(ValueError, match="does not fit an adjustment"):
-        encode_command(AdjustCommand("drive", "set", "tilt", 1e60), 0, 0)
-
-
-def test_what_is_no_command_is_a_mistake():
-    with pytest.raises(TypeError, match="not a command"):
-        encode_command("a keyframe", 0, 0)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_misspelt_calibration_is_refused():
