@@ -16,10 +16,11 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from bench.benchmark import Bench, Column, Record, each, failed, figures, middle, runs, share
-from bench.maze_loop import PARAMS, MazeLoop
 from firmware.virtual.maze_body import Drift
+from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.mazes import CELL, SIZES, maze
 from server import config
+from server.headless import Headless
 from slam.pose import inverse, transform
 
 NEAR = 0.2  # m
@@ -52,12 +53,12 @@ CASES = {
 
 def run(case: Case, seed: int) -> Record:
     """One maze."""
-    params = PARAMS.model_validate(config.merge(PARAMS.model_dump(), case.settings))
+    settings = config.load({"maze_runner": case.settings})
     world = maze(case.size, seed)
-    loop = MazeLoop(world, seed, case.drift, params)
-    start = loop.virtual.pose
+    virtual = VirtualMazeRunner(world, seed=seed, drift=case.drift)
+    loop, start = Headless(virtual, seed, settings), virtual.pose
     explorer = loop.explore(LONGEST)
-    body = loop.virtual.body
+    body = virtual.body
     points = loop.wall_points()
     true = visible(case.size, seed)
     off = KDTree(transform(inverse(start), true)).query(points)[0] if len(points) else np.array([math.inf])
@@ -72,7 +73,7 @@ def run(case: Case, seed: int) -> Record:
         "worst": float(np.max(off)),
         "median": float(np.median(off)),
         "seen": seen,
-        "seconds": loop.virtual.time,
+        "seconds": virtual.time,
         "metres": body.distance,
         "vertices": len(loop.keyframes),
     }

@@ -25,6 +25,7 @@ from server.terminal import (
     Beams,
     ConfigFile,
     MaxRange,
+    OneRobot,
     Particles,
     Preset,
     Robot,
@@ -77,7 +78,8 @@ Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the 
 Recordings = Annotated[Path, typer.Option(help="Folder for the session's recording.")]
 Record = Annotated[bool, typer.Option("--record/--no-record", help="Keep the bytes that came and went.")]
 Name = Annotated[str, typer.Option(help="What to call the session.", show_default="none")]
-WORLD = "A built-in world (demo, corridor50) or a file: TOML, CARMEN .map, ROS .yaml."
+WORLD = "A built-in world (demo, corridor50, maze:medium:3) or a file: TOML, CARMEN .map, ROS .yaml."
+LASER = "The line of a laser that speaks SCIP 2.0, in the same forms."
 PLAN = "A built-in drive plan (demo, corridor50) or a TOML file."
 DRIFT = "How badly odometry errs: none, low, medium or high."
 LINK = "serial:DEVICE[?baud=38400], tcp://HOST:PORT or pty:PATH; repeatable."
@@ -90,10 +92,11 @@ def common(debug: Annotated[bool, typer.Option("--debug", help="Show the traceba
 
 @app.command()
 def demo(
+    robot: OneRobot = "crunch",
     port: Port = None,
     host: Host = None,
     browser: Browser = True,
-    autopilot: Annotated[bool, typer.Option("--autopilot", help="The robot drives its plan by itself.")] = False,
+    autopilot: Annotated[bool, typer.Option("--autopilot", help="The robot drives by itself.")] = False,
     world: Annotated[str | None, typer.Option(help=WORLD, show_default="the plan's")] = None,
     plan: Annotated[
         str | None, typer.Option(help=PLAN + " `tour:M`: M metres at random.", show_default="world's")
@@ -113,16 +116,18 @@ def demo(
 ) -> None:
     """Drive a virtual robot in the browser and watch its map grow.
 
-    It speaks the same bytes as the real one. W A S D or the arrow keys drive, space stops; --autopilot drives a plan.
+    It speaks the same bytes as the real one. W A S D or the arrow keys drive, space stops; with --autopilot Crunch
+    drives a plan, and Maze Runner explores its maze.
 
     \b
         crunch demo --autopilot
+        crunch demo --robot maze_runner --autopilot --world maze:large:4
         crunch demo --port 8080 --no-browser --world corridor50
         crunch demo --avr
     """
     from server.live import run_demo
 
-    options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
+    options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
     raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed, build_of(avr)))
 
@@ -130,6 +135,11 @@ def demo(
 @app.command()
 def serve(
     links: Annotated[list[str] | None, typer.Option("--link", metavar="LINK", help=LINK)] = None,
+    robot: OneRobot = "crunch",
+    laser: Annotated[str | None, typer.Option("--laser", metavar="LINK", help=LASER)] = None,
+    autopilot: Annotated[
+        bool, typer.Option("--autopilot", help="Maze Runner explores by itself, from the first scan on.")
+    ] = False,
     port: Port = None,
     host: Host = None,
     browser: Browser = True,
@@ -150,14 +160,15 @@ def serve(
         crunch serve --link "serial:/dev/ttyUSB0?baud=57600" --host 0.0.0.0
         crunch serve --link tcp://127.0.0.1:9000 --no-browser
         crunch serve --link pty:./crunch.tty
+        crunch serve --robot maze_runner --link serial:/dev/ttyUSB0 --laser serial:/dev/ttyACM0
 
-    A robot with a line per board gets a --link for each.
+    A robot with a line per board gets a --link for each; Maze Runner's laser has --laser.
     """
     from server.live import run_serve
 
-    options = live_options(live_settings(config, preset, particles, assignments), host, port, browser)
+    options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
-    raise typer.Exit(run_serve(links or [], options))
+    raise typer.Exit(run_serve(links or [], options, laser, autopilot))
 
 
 @app.command()
@@ -211,7 +222,7 @@ def replay(
 @app.command()
 def simulate(
     out: Annotated[Path, typer.Option(metavar="LOG", help="Recording to write; the truth goes to LOG.truth.tum.")],
-    robot: Annotated[str, typer.Option(help="Which robot.")] = "crunch",
+    robot: OneRobot = "crunch",
     world: Annotated[str | None, typer.Option(help=WORLD, show_default="the plan's")] = None,
     plan: Annotated[
         str | None, typer.Option(help=PLAN + " `tour:M`: M metres at random.", show_default="world's")
@@ -232,20 +243,23 @@ def simulate(
         crunch simulate --world corridor50 --drift high --out loop.rlog
         crunch simulate --world floor.map --plan tour:250 --seed 7 --out tour.rlog
         crunch simulate --from-log intel.log --reference reference.tum --out semi.rlog
+        crunch simulate --robot maze_runner --world maze:large:4 --plan explore --out maze.rlog
 
     With --from-log the recording is semi-real: the world is drawn from the log's laser scans, the reference path is
-    driven in it, odometry is the log's own, and the sensors are the virtual robot's.
+    driven in it, odometry is the log's own, and the sensors are the virtual robot's. Maze Runner is driven by our
+    explorer: its plans are `explore`, to where its map ends, and `wall`, along a wall until it has come around.
     """
     from server.config import check_robot, load
     from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal
 
-    check_robot(robot, ("crunch",), "robots that can be simulated")
+    check_robot(robot)
     settings = load(None, config, None, assignments or ())
     if (from_log is None) != (reference is None):
         raise UserError("--from-log and --reference belong together; give both or neither")
     if from_log is not None and reference is not None:
         if world or plan:
             raise UserError("--from-log makes its own world and plan; leave out --world and --plan")
+        check_robot(robot, ("crunch",), "robots that can repeat a log")
         if avr:
             raise UserError("--from-log gives the motion, and no board balances; leave out --avr")
         semireal = Semireal(robot, from_log, reference, seed, out, duration)

@@ -17,6 +17,7 @@ from server.adviser import Adviser
 from server.control import Control, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
+from server.explorer import Explorer
 from server.guidance import route_view, suggestions_view
 from server.labels import Labels
 from server.layers import Layers
@@ -60,13 +61,19 @@ class Robot(Protocol):
 
 
 class Autopilot(Protocol):
-    """A virtual robot's own driver."""
+    """What drives by itself: a virtual robot's own driver, or an explorer."""
 
-    autopilot: bool
+    @property
+    def autopilot(self) -> bool:
+        """Whether it drives."""
+        ...
+
+    @autopilot.setter
+    def autopilot(self, is_on: bool) -> None: ...
 
     @property
     def finished(self) -> bool:
-        """Whether its plan is driven to the end."""
+        """Whether it is at its end."""
         ...
 
 
@@ -98,7 +105,8 @@ class Bridge:
         self.pulse = Pulse()
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None
-        self.virtual: Autopilot | None = None
+        self.is_virtual = False
+        self.autopilot: Autopilot | None = None
         self.about = SessionStatus(number=1, began=datetime.now(UTC))
         self.labels = Labels(self.note_label)
         self.clock: Callable[[], float] = next(iter(self.links.values())).now
@@ -138,7 +146,9 @@ class Bridge:
         self.labels = Labels(self.note_label)
         self.start = recorder.start_ns * 1e-9 if recorder else self.clock()
         self.newest, self.newest_at = None, -1.0
-        drives_itself = self.virtual is not None and self.virtual.autopilot  # at the very start, if asked for
+        drives_itself = self.autopilot is not None and self.autopilot.autopilot  # at the very start, if asked for
+        if isinstance(self.autopilot, Explorer):
+            self.autopilot.begin()  # on another map
         has_autopilot, stopped_by = self.control.autopilot is not None, self.control.stopped_by
         self.control = Control(self.control.params, drives_itself if has_autopilot else None)
         self.control.stopped_by = stopped_by
@@ -203,6 +213,12 @@ class Bridge:
         self.control.stops.watch(t, self.robot.stop_reason, any(link.is_connected for link in self.links.values()))
         self.tell(self.control.tick(t), t)
         self.tell(self.navigator.tick(t, self.control, self.look), t)
+        for link_id, request in self.session.requests(t).items():
+            self.links[link_id].write(request)
+        if isinstance(self.autopilot, Explorer):
+            self.tell(self.autopilot.tick(t, self.look), t)
+        if self.control.autopilot and self.autopilot is not None and self.autopilot.finished:
+            self.control.autopilot = False
         if self.hub.viewers:
             self.adviser.tick(t, self.snapshot)
         if before != self.control.standing():
@@ -238,15 +254,13 @@ class Bridge:
         return isinstance(effect, DriveCommand | PowersCommand) and not self.control.may_steer(t)
 
     def sync_autopilot(self) -> None:
-        """Tell the virtual robot whether it drives itself."""
-        if self.virtual is not None:
-            self.virtual.autopilot = bool(self.control.autopilot) and self.about.running
+        """Tell the autopilot whether it drives."""
+        if self.autopilot is not None:
+            self.autopilot.autopilot = bool(self.control.autopilot) and self.about.running
 
     def publish(self, is_last: bool = False) -> None:
         """Show the present to all viewers; called at frame rate."""
         self.published += 1
-        if self.control.autopilot and self.virtual is not None and self.virtual.finished:
-            self.control.autopilot = False
         if not self.hub.viewers and not self.dashboard.is_watched:
             return
         snapshot = self.look()
@@ -286,6 +300,10 @@ class Bridge:
         """The settings that the session runs with."""
         return self.settings
 
+    def exploring(self) -> str | None:
+        """What the explorer does; None where there is none."""
+        return self.autopilot.state if isinstance(self.autopilot, Explorer) else None
+
     def status(self) -> Status:
         """Everything at a glance."""
         assert self.estimator is not None
@@ -296,10 +314,10 @@ class Bridge:
             session=self.about,
             recording=str(self.recorder.path) if self.recorder else None,
             link=link_status(self.session, self.links.values(), t),
-            robot=robot_status(snapshot, self.virtual is not None, self.layers.names(snapshot)),
+            robot=robot_status(snapshot, self.is_virtual, self.layers.names(snapshot)),
             map=map_status(snapshot, worker.vertices > 0),
             filter=filter_status(snapshot, worker),
-            driver=driver_status(snapshot, self.control, len(self.hub.viewers), t),
+            driver=driver_status(snapshot, self.control, len(self.hub.viewers), t, self.exploring()),
             stops=self.control.stops.newest(),
             loop=loop_status(self.pulse.lateness()),
         )

@@ -2,7 +2,7 @@
 
 From strongest to weakest: flags, the environment (`CRUNCH_CRUNCH__FILTER__PARTICLES=500`), the `--config` file, the
 recording's header, defaults. A preset stands where it is named, below the keys of that same place. Defaults live in the
-parameter classes only. Uses its siblings `estimator`, `control` and `navigator`.
+parameter classes only. Uses its siblings `estimator`, `control`, `explorer` and `navigator`.
 """
 
 from __future__ import annotations
@@ -28,19 +28,17 @@ from pydantic_settings import (
 from server.control import ControlParams
 from server.errors import UserError
 from server.estimator import EstimatorParams
+from server.explorer import ExplorerParams
 from server.navigator import NavigatorParams
 from server.presets import NAMED
-from server.robots.crunch import Crunch, CrunchParams
-from server.robots.maze_runner import MazeRunner, MazeRunnerParams
+from server.robots.crunch import CrunchParams
+from server.robots.kinds import ROBOTS
+from server.robots.maze_runner import MazeRunnerParams
 from slam.params import Params
 
 PREFIX = "CRUNCH_"
 FILE_NAME = "config.toml"
-REVISABLE = ("crunch", "estimator")  # tables of which a new session may have its own
-ROBOTS = {  # one row per robot; its parameters are the field of the same name below
-    "crunch": Crunch,
-    "maze_runner": MazeRunner,
-}
+REVISABLE = (*ROBOTS, "estimator")  # tables of which a new session may have its own
 
 
 class ConfigError(UserError):
@@ -65,6 +63,7 @@ class Config(BaseSettings):
     estimator: EstimatorParams = EstimatorParams()
     control: ControlParams = ControlParams()
     navigator: NavigatorParams = NavigatorParams()
+    explorer: ExplorerParams = ExplorerParams()
     web: WebParams = WebParams()
 
     @classmethod
@@ -153,6 +152,14 @@ def revised(settings: Config, changes: Mapping[str, Any]) -> Config:
         return Config(**merge(settings.model_dump(), values))
     except ValidationError as error:
         raise explain(error, [layer]) from None
+
+
+def navigation_of(settings: Config, robot: str) -> NavigatorParams:
+    """How ways are planned for a robot: by the table for all, and what of it is the robot's own."""
+    params = getattr(settings, robot)
+    if not isinstance(params, MazeRunnerParams):
+        return settings.navigator
+    return settings.navigator.model_copy(update={"cost": params.floor, "tight_clearance": params.tight_clearance})
 
 
 def nested(key: str, value: Any) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class Dashboard:
         async with self.starting:
             if self.server is None:
                 self.server = await asyncio.to_thread(open_server)
-                self.furnish(self.server)
+                self.furnish(self.server, snapshot.robot)
                 log.info("the 3-D view runs behind /viser/, on 127.0.0.1:%d", self.port)
         self.server.initial_camera.position, self.server.initial_camera.look_at = behind(snapshot)
         self.draw(snapshot)
@@ -93,7 +93,7 @@ class Dashboard:
         self.newest = snapshot
         x, y, theta = (float(value) for value in snapshot.pose)
         self.robot.position = (x, y, WHEEL_RADIUS)
-        self.robot.wxyz = heading_and_tilt(theta, float(snapshot.tilt))
+        self.robot.wxyz = heading_and_tilt(theta, float(np.nan_to_num(snapshot.tilt)))
         with self.server.atomic():
             for layer in LAYERS:
                 if self.switches[layer.name].value:
@@ -109,7 +109,7 @@ class Dashboard:
             self.drawn[layer.name] = key
             layer.draw(self.server.scene, snapshot)
 
-    def furnish(self, server: viser.ViserServer) -> None:
+    def furnish(self, server: viser.ViserServer, robot: str) -> None:
         """The floor, the body, a switch for each layer, buttons for the camera, and the click."""
         loop = asyncio.get_running_loop()
         server.scene.set_up_direction("+z")
@@ -117,7 +117,7 @@ class Dashboard:
             "/floor", infinite_grid=True, cell_size=0.5, section_size=5.0, cell_color=(50, 52, 58),
             section_color=(92, 98, 110), fade_distance=60.0,
         )  # fmt: skip
-        self.robot = draw_body(server.scene)
+        self.robot = draw_body(server.scene, robot)
         server.gui.add_button("Look from behind the robot").on_click(lambda event: self.look(event.client, behind))
         server.gui.add_button("Look from above").on_click(lambda event: self.look(event.client, above))
         with server.gui.add_folder("Layers"):

@@ -20,10 +20,9 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
-from server.filter_worker import Answer, Batch, FilterFactory, estimate_of, serve
+from server.filter_worker import REFINED, Answer, Batch, FilterFactory, estimate_of, serve
 from server.messages import Estimate, Keyframe
 from slam.params import Params
-from slam.refined_filter import RefinedFilter
 
 log = logging.getLogger(__name__)
 
@@ -94,14 +93,14 @@ class InlineEstimator:
         """Extend the filter and deliver its estimate before returning."""
         self.path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         self.vertices += 1
-        if isinstance(self.path_filter, RefinedFilter) and self.path_filter.is_due:
+        if isinstance(self.path_filter, REFINED) and self.path_filter.is_due:
             self.path_filter.refine(is_quick=True)
         self.t = keyframe.t
         self.deliver(estimate_of(self.path_filter, keyframe.t, self.shown))
 
     def finish(self) -> None:
         """Deliver the refined path, after the last keyframe."""
-        if isinstance(self.path_filter, RefinedFilter) and self.path_filter.is_rough:
+        if isinstance(self.path_filter, REFINED) and self.path_filter.is_rough:
             self.path_filter.refine()
             self.deliver(estimate_of(self.path_filter, self.t, self.shown))
 

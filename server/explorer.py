@@ -1,13 +1,15 @@
 """Drives a robot by itself until its map is closed: to the nearest frontier, on to the next, then it stops.
 
 A robot sees most of what is new where it comes to stand, so that a frontier is given up for the next as soon as it is
-seen. Like the navigator it plans on the best map and the local map together, and asks no clock. Uses its sibling
-`navigator`.
+seen. Or it follows a wall until it has come around to where it began. Like the navigator it plans on the best map and
+the local map together, in a thread where it is given one, and asks no clock. Uses its sibling `navigator`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,14 +17,23 @@ from pydantic import Field
 
 from server.messages import Drive, Goal, Message, Snapshot, Stop
 from server.navigator import NavigatorParams, floor_of
+from slam.cost_grid import cost_grid
 from slam.frontiers import Frontier, FrontierParams, frontiers
 from slam.params import Params
 from slam.planning import NoWay, let_out, plan
+from slam.wall_following import Lap, WallFollowingParams, follow
+from slam.walls import Walls
+
+REPEAT = 0.1  # s between two words to a robot that turns or follows a wall
+
+State = Literal["off", "looking", "driving", "following", "done"]
+Look = Callable[[], Snapshot]
 
 
 class ExplorerParams(Params):
-    """When it looks anew, how it drives, and when it gives up."""
+    """By which rule it explores, when it looks anew, how it drives, and when it gives up."""
 
+    rule: Literal["frontiers", "wall"] = "frontiers"  # to where the map ends, or along a wall
     period: float = Field(default=1.0, gt=0.0)  # s between two looks at the map
     speed: float = Field(default=0.2, gt=0.0)  # m/s
     turn: float = Field(default=0.6, gt=0.0)  # rad/s of a look around
@@ -30,92 +41,190 @@ class ExplorerParams(Params):
     patience: float = Field(default=12.0, gt=0.0)  # s without way made after which a frontier is left alone
     same: float = Field(default=0.3, gt=0.0)  # m within which two frontiers are one
     frontier: FrontierParams = FrontierParams()
+    wall: WallFollowingParams = WallFollowingParams()
 
 
 class Progress(NamedTuple):
     """What it does now, and how many frontiers it left alone."""
 
-    state: Literal["looking", "driving", "done"]
+    state: State
     abandoned: int
 
 
-class Explorer:
-    """`tick` answers with the messages that the robot is to get."""
+class Choice(NamedTuple):
+    """A frontier, and the places (n, 2) to pass on the way to it, which are none where there is no way."""
 
-    def __init__(self, params: ExplorerParams, navigation: NavigatorParams):
+    frontier: Frontier
+    places: np.ndarray
+
+
+class Explorer:
+    """Switched by `autopilot`; `tick` answers with the messages that the robot is to get."""
+
+    def __init__(self, params: ExplorerParams, navigation: NavigatorParams, executor: Executor | None = None):
         self.params = params
         self.navigation = navigation
-        self.state: Literal["looking", "driving", "done"] = "looking"
+        self.executor = executor
+        self.begin()
+
+    def begin(self) -> None:
+        """Nothing of what was holds any more: another session, or somebody switches it on again."""
+        self.state: State = "off"
+        self.told = self.checked = -math.inf  # when it spoke last, and looked at the map last
         self.looked_until = -math.inf  # of the look around
         self.has_looked = False  # since it last drove
-        self.checked = -math.inf
         self.target: np.ndarray | None = None
         self.nearest, self.gained = math.inf, 0.0  # m to the target at the best, and when
         self.left_alone: list[np.ndarray] = []
+        self.work: Future[Choice | None] | None = None
+        self.lap = Lap(self.params.wall)
 
     @property
     def progress(self) -> Progress:
         """How it gets on."""
         return Progress(self.state, len(self.left_alone))
 
-    def tick(self, t: float, snapshot: Snapshot) -> list[Message]:
-        """To be called often; a snapshot need not be newer than a moment."""
-        if self.state == "done":
+    @property
+    def autopilot(self) -> bool:
+        """Whether it drives."""
+        return self.state not in ("off", "done")
+
+    @autopilot.setter
+    def autopilot(self, is_on: bool) -> None:
+        if is_on and not self.autopilot:
+            self.begin()
+            self.state = "following" if self.params.rule == "wall" else "looking"
+        elif not is_on and self.autopilot:
+            self.state, self.work = "off", None
+
+    @property
+    def finished(self) -> bool:
+        """Whether the map is closed, as far as can be."""
+        return self.state == "done"
+
+    def tick(self, t: float, look: Look) -> list[Message]:
+        """To be called often, with a way to look at the robot if need be."""
+        if not self.autopilot:
             return []
+        if self.state == "following":
+            return self.follow(t, look) if t - self.told >= REPEAT else []
         if self.looked_until == -math.inf:
             self.look_around(t)
         if t < self.looked_until:
-            return [Drive(t, 0.0, self.params.turn)]
+            return self.turn_on(t)
+        if self.work is not None:
+            return self.take(self.work, t) if self.work.done() else []
         if t - self.checked < self.params.period:
             return []
         self.checked = t
-        return self.choose(t, snapshot)
+        return self.watch(t, look())
 
     def look_around(self, t: float) -> None:
         """Turn once about, for the laser does not see what is behind."""
         self.state, self.target = "looking", None
         self.looked_until, self.has_looked = t + self.params.around / self.params.turn, True
 
-    def choose(self, t: float, snapshot: Snapshot) -> list[Message]:
-        """The next goal; none is left where all is known that can be reached."""
-        params = self.params
-        floor = floor_of(snapshot, snapshot.pose[:2], self.navigation.cost)
-        start = snapshot.pose[:2]
-        known = [
-            frontier
-            for frontier in frontiers(floor, start, params.frontier)
-            if all(math.dist(frontier.place, place) > params.same for place in self.left_alone)
-        ]
-        if not known:
-            if not self.has_looked:
-                self.look_around(t)
-                return [Drive(t, 0.0, params.turn)]
+    def turn_on(self, t: float) -> list[Message]:
+        """Another word of the look around, if it is due."""
+        if t - self.told < REPEAT:
+            return []
+        self.told = t
+        return [Drive(t, 0.0, self.params.turn)]
+
+    def follow(self, t: float, look: Look) -> list[Message]:
+        """Another word of the way along a wall; none where nothing is seen."""
+        self.told = t
+        snapshot = look()
+        if self.lap.step(snapshot.pose):
             self.state = "done"
             return [Stop(t)]
-        chosen = self.kept(known) or known[0]
-        if self.target is None or math.dist(self.target, chosen.place) > params.same:
+        ends = [ends_of(beam) for beam in snapshot.beams.values()]
+        speed, turn = follow(np.concatenate([np.empty((0, 2)), *ends]), self.params.wall)
+        return [Drive(t, speed, turn)]
+
+    def watch(self, t: float, snapshot: Snapshot) -> list[Message]:
+        """Choose the next frontier, here or in the thread."""
+        arguments = snapshot, tuple(self.left_alone), self.target, self.params, self.navigation
+        if self.executor is None:
+            return self.drive_to(choose(*arguments), t)
+        self.work = self.executor.submit(choose, *arguments)
+        return []
+
+    def take(self, work: Future[Choice | None], t: float) -> list[Message]:
+        """The choice is there."""
+        self.work = None
+        return self.drive_to(work.result(), t)
+
+    def drive_to(self, choice: Choice | None, t: float) -> list[Message]:
+        """The next goal; none is left where all is known that can be reached."""
+        if choice is None:
+            if not self.has_looked:
+                self.look_around(t)
+                return self.turn_on(t)
+            self.state = "done"
+            return [Stop(t)]
+        frontier, places = choice
+        if self.target is None or math.dist(self.target, frontier.place) > self.params.same:
             self.nearest, self.gained = math.inf, t
-        self.target = chosen.place
-        if chosen.way < self.nearest - 0.1:
-            self.nearest, self.gained = chosen.way, t
-        if t - self.gained > params.patience:
-            self.left_alone.append(chosen.place)
-            return []
-        try:
-            route = plan(let_out(floor, start), start, chosen.place)
-        except NoWay:
-            self.left_alone.append(chosen.place)
+        self.target = frontier.place
+        if frontier.way < self.nearest - 0.1:
+            self.nearest, self.gained = frontier.way, t
+        if not len(places) or t - self.gained > self.params.patience:
+            self.left_alone.append(frontier.place)
             return []
         self.state, self.has_looked = "driving", False
-        places = [(float(x), float(y)) for x, y in route.places]
-        return [Goal(t, places[-1], params.speed, tuple(places[:-1]))]
+        way = [(float(x), float(y)) for x, y in places]
+        return [Goal(t, way[-1], self.params.speed, tuple(way[:-1]))]
 
-    def kept(self, known: list[Frontier]) -> Frontier | None:
-        """The frontier that it goes to already, unless another is much better."""
-        if self.target is None:
-            return None
-        near = [each for each in known if math.dist(each.place, self.target) < self.params.same]
-        gain = self.params.frontier.gain
-        if near and near[0].way - gain * near[0].length < known[0].way - gain * known[0].length + 1.0:
-            return near[0]
+
+def choose(
+    snapshot: Snapshot, left_alone: tuple[np.ndarray, ...], target: np.ndarray | None, params: ExplorerParams,
+    navigation: NavigatorParams,
+) -> Choice | None:  # fmt: skip
+    """The frontier to drive to, and the way; None where none is left but those `left_alone`."""
+    start = snapshot.pose[:2]
+    floor = floor_of(snapshot, start, navigation.cost)
+    try:
+        all_of_them = frontiers(floor, start, params.frontier)
+    except NoWay:  # walls all around: what stands so near may be gone after another look
         return None
+    known = [
+        frontier
+        for frontier in all_of_them
+        if all(math.dist(frontier.place, place) > params.same for place in left_alone)
+    ]
+    if not known:
+        return None
+    chosen = kept(known, target, params) or known[0]
+    try:
+        return Choice(chosen, plan(let_out(floor, start), start, chosen.place).places)
+    except NoWay:
+        return Choice(chosen, np.empty((0, 2)))
+
+
+def kept(known: list[Frontier], target: np.ndarray | None, params: ExplorerParams) -> Frontier | None:
+    """The frontier that it goes to already, unless another is much better."""
+    if target is None:
+        return None
+    near = [each for each in known if math.dist(each.place, target) < params.same]
+    gain = params.frontier.gain
+    if near and near[0].way - gain * near[0].length < known[0].way - gain * known[0].length + 1.0:
+        return near[0]
+    return None
+
+
+def ends_of(beam: dict) -> np.ndarray:
+    """Where the beams (n,) of a rangefinder that met something ended (k, 2), in the robot's frame."""
+    ranges = np.asarray(beam["ranges"], float)
+    far = (np.asarray(beam["offsets"], float) + ranges)[:, None]
+    bearings = np.asarray(beam["bearings"], float)
+    ends = far * np.column_stack([np.cos(bearings), np.sin(bearings)])
+    return ends[np.isfinite(ranges)]
+
+
+def warm_up(params: ExplorerParams, navigation: NavigatorParams) -> None:
+    """Compile or load the kernels, so that nobody waits for the first frontier."""
+    seen = Walls(np.full(64, np.inf), np.full(64, 1.0))
+    grid = cost_grid(np.zeros((1, 3)), [seen], np.zeros((1, 2)), None, navigation.cost)
+    nearest = frontiers(grid, np.zeros(2), params.frontier)[0]
+    plan(grid, np.zeros(2), nearest.place)

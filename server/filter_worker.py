@@ -16,11 +16,13 @@ import numpy as np
 
 from server.messages import Estimate, Keyframe
 from slam.refined_filter import RefinedFilter
+from slam.refined_grid_filter import RefinedGridFilter
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
 IDLE_BEAT = 0.2  # s between two beats of a worker without work
 BRANCHES = 64  # particles whose ways through the tree are shown
+REFINED = (RefinedFilter, RefinedGridFilter)  # estimators whose paths are refined where there is time for it
 
 
 class PathFilterLike(Protocol):
@@ -98,7 +100,7 @@ def serve(connection: Any, beats: Any, factory: FilterFactory, shown: int) -> No
         signal.signal(number, signal.SIG_IGN)
     parent = os.getppid()
     path_filter = factory()
-    if isinstance(path_filter, RefinedFilter):
+    if isinstance(path_filter, REFINED):
         path_filter.prepare()
     n_particles, t = 0, 0.0
     try:
@@ -125,7 +127,7 @@ def _work(path_filter: PathFilterLike, batch: Batch, t: float, beats: Any, shown
         path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
         beats.value += 1
     is_rough = is_due = False
-    if isinstance(path_filter, RefinedFilter):
+    if isinstance(path_filter, REFINED):
         if not batch.keyframes:
             path_filter.refine(batch.is_quick, lambda: beat(beats))
         is_rough, is_due = path_filter.is_rough, path_filter.is_due

@@ -19,6 +19,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -28,10 +29,12 @@ import uvicorn
 from fastapi import APIRouter
 
 from server.api import create_app
-from server.bridge import Bridge
-from server.config import Config
+from server.bridge import Autopilot, Bridge
+from server.config import Config, navigation_of
 from server.control import Control
 from server.errors import UserError
+from server.explorer import Explorer
+from server.explorer import warm_up as warm_up_exploring
 from server.guard import is_loopback
 from server.layers import tile_view
 from server.map_store import DATABASE, MapStore, keep_session
@@ -43,11 +46,11 @@ from server.rest.maps import map_routes
 from server.rest.present import present_survey
 from server.rest.recordings import recording_routes
 from server.rest.sessions import session_routes
-from server.robots.crunch import Crunch
-from server.session import Session
+from server.robots.kinds import LASER, ROBOTS
+from server.session import session_of
 from server.sessions import Sessions
 from server.shelf import Shelf
-from server.transport import Link, VirtualLink, open_link
+from server.transport import Link, SideLink, VirtualLink, open_link
 from server.views import SessionStatus
 
 log = logging.getLogger(__name__)
@@ -64,6 +67,7 @@ class LiveOptions:
     """How to serve; what the robot is and does stands in the configuration."""
 
     config: Config
+    robot: str = "crunch"
     host: str = "127.0.0.1"
     port: int = 8000
     seed: int = 0
@@ -85,8 +89,12 @@ def run_demo(
     """Serve a virtual robot in this process until Ctrl-C; exit code.
 
     `build` is that of the robot's boards. World and plan follow from one another as in `simulate`; a world where no
-    tour can be planned has no autopilot.
+    tour can be planned has no autopilot. Maze Runner's is its explorer.
     """
+    control = Control(options.config.control.at_speed(speed))
+    if ROBOTS[options.robot].explores:
+        links = virtual_maze_runner(options, world, drift, speed)
+        return run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
     from server.simulate import mendable, plan_in, world_and_plan
 
@@ -101,25 +109,53 @@ def run_demo(
             place, route = virtual.load_world(world), None
         robot = virtual.VirtualCrunch(place, seed=options.seed, drift=drift, plan=route, build=build)
     robot.autopilot = autopilot
-    control = Control(options.config.control.at_speed(speed), autopilot if route else None)
     name = world or plan or plan_in(None)
-    return run(options, lambda: [VirtualLink(robot, f"virtual:{name}", speed)], control, robot)
+    own = robot if route else None
+    return run(options, lambda: {"link0": VirtualLink(robot, f"virtual:{name}", speed)}, control, own, autopilot, True)
 
 
-def run_serve(links: Sequence[str], options: LiveOptions) -> int:
+def virtual_maze_runner(
+    options: LiveOptions, world: str | None, drift: Literal["none", "low", "medium", "high"], speed: float
+) -> dict[str, Link]:
+    """The two lines of a virtual Maze Runner in a maze; UserError where there is none of that name."""
+    from firmware import virtual
+    from server.simulate import mendable
+
+    name = world or f"maze:medium:{options.seed}"
+    with mendable():
+        robot = virtual.VirtualMazeRunner(virtual.load_world(name), seed=options.seed, drift=drift)
+    board = VirtualLink(robot, f"virtual:{name}", speed)
+    return {"link0": board, LASER: SideLink(board, "virtual:laser", robot.write_laser, robot.take_laser)}
+
+
+def run_serve(links: Sequence[str], options: LiveOptions, laser: str | None = None, autopilot: bool = False) -> int:
     """Serve the robot at the other end of the links until Ctrl-C; exit code. UserError for a link that is none."""
+    kind = ROBOTS[options.robot]
     if not links:
         raise UserError("no link given; name one, as in --link serial:/dev/ttyUSB0")
-    opened = [open_link(spec) for spec in links]
-    return run(options, lambda: opened, Control(options.config.control), None)
+    if kind.has_laser != (laser is not None):
+        missing = "needs its laser's line too; name it, as in --laser serial:/dev/ttyACM0"
+        raise UserError(f"{options.robot} {missing if kind.has_laser else 'has no laser; leave out --laser'}")
+    if autopilot and not kind.explores:
+        raise UserError(f"a real {options.robot} has no autopilot; leave out --autopilot")
+    opened = {f"link{number}": open_link(spec) for number, spec in enumerate(links)}
+    if laser is not None:
+        opened[LASER] = open_link(laser)
+    return run(options, lambda: opened, Control(options.config.control), autopilot=autopilot)
 
 
-def run(options: LiveOptions, make_links: Callable[[], list[Link]], control: Control, virtual: Any) -> int:
-    """Serve until told to leave."""
+def run(
+    options: LiveOptions,
+    make_links: Callable[[], dict[str, Link]],
+    control: Control,
+    own: Autopilot | None = None,
+    autopilot: bool = False,
+    is_virtual: bool = False,
+) -> int:
+    """Serve until told to leave; `own` is the robot's own driver, and `autopilot` whether one drives at first."""
     with listening(options.host, options.port) as listener:
         warm_kernels(options)
-        names = {f"link{number}": link for number, link in enumerate(make_links())}
-        live = Live(options, names, control, virtual)
+        live = Live(options, make_links(), control, own, autopilot, is_virtual)
         live.sessions.open(options.name)
         try:
             asyncio.run(live.run(listener))
@@ -135,14 +171,28 @@ class Finished(Exception):
 class Live:
     """The one task group."""
 
-    def __init__(self, options: LiveOptions, links: dict[str, Link], control: Control, virtual: Any):
-        params = options.config.crunch
-        robot = Crunch(params)
+    def __init__(
+        self,
+        options: LiveOptions,
+        links: dict[str, Link],
+        control: Control,
+        own: Autopilot | None = None,
+        autopilot: bool = False,
+        is_virtual: bool = False,
+    ):
+        kind, params = ROBOTS[options.robot], getattr(options.config, options.robot)
+        robot, navigation = kind.fold(params), navigation_of(options.config, options.robot)
         self.options = options
         self.links = links
-        self.bridge = Bridge(robot, Session(robot, params.calibration), links, control, {}, options.config.navigator)
-        self.bridge.virtual = virtual
-        self.sessions = Sessions(self.bridge, options.config, options.seed, options.threads, options.recordings)
+        self.bridge = Bridge(robot, session_of(options.robot, robot, params), links, control, {}, navigation)
+        if kind.explores:
+            own = Explorer(options.config.explorer, navigation, ThreadPoolExecutor(1, "explorer"))
+        if own is not None:
+            self.bridge.autopilot, control.autopilot, own.autopilot = own, autopilot, autopilot
+        self.bridge.is_virtual = is_virtual
+        self.sessions = Sessions(
+            self.bridge, options.config, options.seed, options.threads, options.recordings, options.robot
+        )
         self.maps = MapStore((options.recordings or RECORDINGS) / DATABASE)
         if options.recordings is not None:  # who wants no recordings wants nothing kept unasked
             self.sessions.keep_map = self.keep_map
@@ -302,8 +352,11 @@ def warm_kernels(options: LiveOptions) -> None:
     """Compile the kernels before anybody waits for the loop; on the first start this takes a while."""
     print("Preparing (the first start compiles for about a minute) ...", file=sys.stderr, flush=True)
     started = time.perf_counter()
-    warm_up(options.config.crunch, 1)
-    warm_up_planning(options.config.navigator)
-    Crunch(options.config.crunch).snapshot()
+    params, navigation = getattr(options.config, options.robot), navigation_of(options.config, options.robot)
+    warm_up(params, 1)
+    warm_up_planning(navigation)
+    if ROBOTS[options.robot].explores:
+        warm_up_exploring(options.config.explorer, navigation)
+    ROBOTS[options.robot].fold(params).snapshot()
     tile_view(0, [[np.zeros((3, 2))]])
     log.info("kernels were ready after %.1f s", time.perf_counter() - started)

@@ -15,7 +15,7 @@ import numpy as np
 
 from server.formats.laser import SENSOR
 from server.formats.logs import Log
-from server.messages import Keyframe, Message, Ranges
+from server.messages import Keyframe, Message, Motors, Odometry, Ranges
 from server.recorded import check_rings
 from server.restarts import decided
 from server.robots import crunch, maze_runner
@@ -134,12 +134,16 @@ class MazeMapper:
     def __init__(self, params: MazeRunnerParams, seed: int, threads: int):
         self.robot = MazeRunner(params)
         self.path_filter = maze_runner.make_estimator(params, seed, threads)
-        self.rows: list[int] = []  # of the odometry, at which scans were taken
+        self.times: list[float] = []  # of the odometry
+        self.rows: list[int] = []  # of it, at which scans were taken
         self.followed: list[np.ndarray] = []  # where the laser's own odometry has them
 
     def note(self, row: int, message: Message) -> None:
         """Keep where each scan was taken: of those at one row the last."""
+        if isinstance(message, (Odometry, Motors)):
+            self.times.append(message.t)
         if isinstance(message, Ranges) and row >= 0 and self.robot.follower.last is not None:
+            row = row_at(self.times, message.t)
             if self.rows and self.rows[-1] == row:
                 self.followed[-1] = self.robot.follower.pose
             else:
@@ -166,6 +170,14 @@ class MazeMapper:
             return
         for keyframe in drive.keyframes:
             self.extend(keyframe)
+
+
+def row_at(times: list[float], t: float) -> int:
+    """The newest row of the odometry that is not younger than what was seen at time t; the first where all are."""
+    row = len(times) - 1
+    while row > 0 and times[row] > t:
+        row -= 1
+    return row
 
 
 def mapper_of(params: RobotParams, seed: int = 0, threads: int = 1) -> Mapper:

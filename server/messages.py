@@ -269,7 +269,7 @@ class Snapshot:
     robot: str
     pose: np.ndarray  # (3,) best estimate now, world
     odometry: np.ndarray  # (3,) now, odometry frame
-    tilt: float
+    tilt: float  # rad; nan for a robot that cannot tilt
     distance: float  # m driven since the start
     local_map: np.ndarray  # (n, n) float32 log odds; row = y, column = x
     local_resolution: float  # m per cell
@@ -299,6 +299,8 @@ class Snapshot:
     plausibility: float
     balance: Balance | None = None
     power: Power | None = None
+    motors: Motors | None = None
+    battery_limits: tuple[float, float] = (26.4, 24.0)  # V from which down it is low, and empty
     boards: dict[str, Status] = field(default_factory=dict)
     last_words: LastWords | None = None
     route: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # places to pass on the way to the goal, world

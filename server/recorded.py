@@ -6,16 +6,22 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from server.channels import Calibration
-from server.config import ConfigError
+from server.config import Config, ConfigError, check_robot, load
 from server.formats.errors import FormatError, read_bytes
 from server.formats.logs import Log, check_laser, read_log
 from server.messages import Effect, Message
-from server.recording import Kind, Reader, Record, is_recording
-from server.session import Session
+from server.recording import Header, Kind, Reader, Record, is_recording
+from server.session import session_of
 from slam.rangefinder import RingParams
 
 ODOMETRY_RATE = 50.0  # Hz
 RING_SIZES = {"sonar": 8, "infrared": 8}  # ranges in a frame of each kind
+
+
+def check_senses(robot: str, settings: Config) -> None:
+    """ConfigError where a robot's senses are set to others than its boards report."""
+    if robot == "crunch":
+        check_rings(settings.crunch.sensors)
 
 
 def check_rings(sensors: Mapping[str, RingParams]) -> None:
@@ -60,8 +66,9 @@ def open_log(
 def recorded_log(path: Path) -> Log:
     """A recording; a cut one ends at the cut and says so. FormatError where not a single frame can be read."""
     reader = Reader(path)
+    check_robot(reader.header.robot)
     records = [record for record in reader if record.kind == Kind.RX]
-    if next(decode(records, Calibration()), None) is None:
+    if next(decode(reader.header, records, Calibration()), None) is None:
         raise FormatError(
             path, None, "holds no frame that can be read", "record again; the link may run at another speed"
         )
@@ -72,7 +79,7 @@ def recorded_log(path: Path) -> Log:
         path=path,
         kind="rlog",
         description=f"{len(records)} records of a session with {reader.header.robot}",
-        source=lambda calibration: decode(records, calibration),
+        source=lambda calibration: decode(reader.header, records, calibration),
         sensors=None,
         n_odometry=max(1, round((records[-1].t - records[0].t) * ODOMETRY_RATE)),
         robot=reader.header.robot,
@@ -82,10 +89,12 @@ def recorded_log(path: Path) -> Log:
     )
 
 
-def decode(records: list[Record], calibration: Calibration) -> Iterator[Message]:
+def decode(header: Header, records: list[Record], calibration: Calibration) -> Iterator[Message]:
     """The messages in the bytes of a session, in the order in which they came."""
     listener = Listener()
-    session = Session(listener, calibration)
+    params = getattr(load(header=header.configuration), header.robot)
+    session = session_of(header.robot, listener, params)
+    session.calibration = calibration
     for record in records:
         session.receive(record.link_id, record.data, record.t)
         yield from listener.take()

@@ -23,12 +23,12 @@ from server.config import Config, check_robot, load
 from server.control import Control
 from server.errors import UserError
 from server.estimator import InlineEstimator
-from server.recorded import check_rings
+from server.recorded import check_senses
 from server.recording import Header, Kind, Reader, Record
 from server.replay_cache import CacheWriter, Progress, remove
 from server.rest.present import present_survey
-from server.robots.crunch import Crunch, make_estimator
-from server.session import Session, command_of
+from server.robots.kinds import ROBOTS
+from server.session import command_of, session_of
 from server.shelf import named
 from server.stream import Viewer
 from server.survey import pack
@@ -92,16 +92,16 @@ class Rendering:
     def __init__(self, reader: Reader, config: Config, keep: Callable[[float, str, bytes], None]):
         self.reader = reader
         header = reader.header
-        params = config.crunch
-        robot = Crunch(params)
-        session = Session(robot, params.calibration)
+        kind, params = ROBOTS[header.robot], getattr(config, header.robot)
+        robot = kind.fold(params)
+        session = session_of(header.robot, robot, params)
         self.links = {name.id: DeafLink(name.spec) for name in header.links} or {"": DeafLink("")}
         control = Control(config.control)
         self.bridge = Bridge(robot, session, self.links, control, config.model_dump(mode="json"))  # type: ignore[arg-type]
         self.bridge.start = 0.0
         self.bridge.about = about(header, reader.path)
         self.bridge.estimator = InlineEstimator(
-            lambda: make_estimator(params, header.seed), self.bridge.believe, config.estimator.shown
+            lambda: kind.make_estimator(params, header.seed, 1), self.bridge.believe, config.estimator.shown
         )
         self.bridge.hub.join(Keeper(lambda topic, body: keep(self.t, topic, body)))
         self.t = 0.0
@@ -167,9 +167,9 @@ def about(header: Header, path: Path) -> SessionStatus:
 
 def configuration(header: Header) -> Config:
     """The settings that a recording's session ran with; UserError if it is of a robot that nobody knows."""
-    check_robot(header.robot, ("crunch",), "robots whose sessions are shown again")
+    check_robot(header.robot)
     config = load(header=header.configuration)
-    check_rings(config.crunch.sensors)
+    check_senses(header.robot, config)
     return config
 
 

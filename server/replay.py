@@ -23,8 +23,8 @@ from server.formats.logs import Log
 from server.formats.ros_map import write_ros_map
 from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
-from server.mapping import Drive, RobotParams, mapper_of, odometry_noise, senses_of, with_sensors
-from server.messages import Keyframe, Message, Odometry, Ranges, Wheels
+from server.mapping import Drive, RobotParams, mapper_of, odometry_noise, row_at, senses_of, with_sensors
+from server.messages import Keyframe, Message, Motors, Odometry, Ranges, Wheels
 from server.recorded import open_log
 from server.report import Certainty, Choice, Report, describe_machine, peak_rss_mb
 from slam.hypotheses import Verdict
@@ -123,14 +123,14 @@ def fold(
     has_ranges, sensors = False, senses_of(robot.params)
     for message in log.messages(robot.calibration):
         effects = robot.step(message)
-        if isinstance(message, (Odometry, Wheels)):
+        if isinstance(message, (Odometry, Wheels, Motors)):
             times.append(message.t)
             poses.append(robot.odometry)
             if progress and len(times) % PROGRESS_STEP == 0:
                 progress(len(times))
         has_ranges = has_ranges or (isinstance(message, Ranges) and message.sensor in sensors)
         if len(robot.vertices) > len(rows):  # its keyframe may come later, when both sides of it were seen
-            rows.append(len(times) - 1)
+            rows.append(row_at(times, robot.times[-1]))
         if note:
             note(len(times) - 1, message)
         for effect in effects:

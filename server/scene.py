@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import viser
 
 WHEEL_RADIUS = 0.0508
+PLATE_WHEEL_RADIUS = 0.035  # of Maze Runner
 WALL_HEIGHT = 0.35
 DECKS = {"lower": 0.05, "sonar": 0.101, "infrared": 0.152}  # heights above the axle; sensors look out of theirs
 TREE_RISE = 0.15  # per vertex, as long as the tree stays below:
@@ -27,7 +28,7 @@ FURTHEST_CLICK = 200.0  # from the camera
 MOST_SEGMENTS = 10_000  # of the walls; more stall a computer without a graphics card
 
 WALL, SETTLED, OPEN, GOAL = (86, 140, 190), (0, 114, 178), (213, 94, 0), (0, 158, 115)
-SENSORS = {"sonar": (86, 180, 233), "infrared": (240, 228, 66)}
+SENSORS = {"sonar": (86, 180, 233), "infrared": (240, 228, 66), "laser": (240, 228, 66)}
 DECK, DARK = (240, 200, 66), (60, 60, 66)
 
 
@@ -135,15 +136,24 @@ LAYERS = (
     SceneLayer("/path", "Path", "blue is settled, orange still open", draw_path, estimate_key),
     SceneLayer("/tree", "Path tree", "hypotheses; time goes upwards", draw_tree, estimate_key),
     SceneLayer("/particles", "Particles", "at the newest vertex", draw_particles, estimate_key, is_on=False),
-    SceneLayer("/robot/beams", "Beams", "what sonar and infra-red see", draw_beams, lambda snapshot: snapshot.t),
+    SceneLayer("/robot/beams", "Beams", "what its sensors see", draw_beams, lambda snapshot: snapshot.t),
     SceneLayer("/way", "Objective", "and the way planned to it", draw_way, way_key),
     SceneLayer("/labels", "Labels", "names of places", draw_labels, lambda snapshot: snapshot.labels),
 )
 
 
-def draw_body(scene: viser.SceneApi) -> viser.FrameHandle:
-    """Decks on four rods, two wheels and a nose, to scale, under a frame in the axle that turns and tilts."""
+def draw_body(scene: viser.SceneApi, robot: str) -> viser.FrameHandle:
+    """The robot of that name, to scale, under a frame in the axle that turns and tilts."""
     frame = scene.add_frame("/robot", show_axes=False)
+    if robot == "maze_runner":
+        draw_plate(scene)
+    else:
+        draw_tower(scene)
+    return frame
+
+
+def draw_tower(scene: viser.SceneApi) -> None:
+    """Crunch: decks on four rods, two wheels and a nose."""
     for name, height in DECKS.items():
         scene.add_cylinder(f"/robot/{name}", radius=0.076, height=0.008, color=DECK, position=(0.0, 0.0, height))
     for rod in range(4):
@@ -151,12 +161,26 @@ def draw_body(scene: viser.SceneApi) -> viser.FrameHandle:
         place = (0.06 * math.cos(angle), 0.06 * math.sin(angle), 0.1)
         scene.add_cylinder(f"/robot/rod{rod}", radius=0.004, height=0.11, color=DARK, position=place)
     scene.add_box("/robot/nose", color=OPEN, dimensions=(0.03, 0.02, 0.012), position=(0.085, 0.0, 0.152))
-    for side, y in (("left", 0.095), ("right", -0.095)):
-        turned = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+    draw_wheels(scene, WHEEL_RADIUS, 0.095, 0.0)
+
+
+def draw_plate(scene: viser.SceneApi) -> None:
+    """Maze Runner: a plate on two wheels and a castor, the laser on a block ahead of the axle."""
+    rise = PLATE_WHEEL_RADIUS - WHEEL_RADIUS  # of its axle, for the frame is as high as the tower's
+    scene.add_box("/robot/plate", color=DECK, dimensions=(0.22, 0.16, 0.01), position=(-0.01, 0.0, rise + 0.03))
+    scene.add_box("/robot/block", color=DARK, dimensions=(0.05, 0.05, 0.04), position=(0.05, 0.0, rise + 0.055))
+    scene.add_cylinder("/robot/laser", radius=0.025, height=0.03, color=OPEN, position=(0.05, 0.0, rise + 0.09))
+    scene.add_icosphere("/robot/castor", radius=0.015, color=DARK, position=(-0.1, 0.0, 0.015 - WHEEL_RADIUS))
+    draw_wheels(scene, PLATE_WHEEL_RADIUS, 0.1, rise)
+
+
+def draw_wheels(scene: viser.SceneApi, radius: float, half_track: float, height: float) -> None:
+    """A wheel on either side of the axle."""
+    turned = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+    for side, y in (("left", half_track), ("right", -half_track)):
         scene.add_cylinder(
-            f"/robot/{side}", radius=WHEEL_RADIUS, height=0.02, color=DARK, position=(0.0, y, 0.0), wxyz=turned
+            f"/robot/{side}", radius=radius, height=0.02, color=DARK, position=(0.0, y, height), wxyz=turned
         )
-    return frame
 
 
 def draw_pole(scene: viser.SceneApi, name: str, place: tuple[float, float], colour: tuple[int, int, int]) -> None:

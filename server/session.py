@@ -1,8 +1,8 @@
 """One connection to one robot: bytes in, effects out, and the account of what the link lost on the way.
 
 The same object serves live, replay and simulation. It asks no clock, awaits nothing and opens no file: times come in
-with the bytes, in seconds since the session's start, and whoever wants a recording hands in a sink. Uses its sibling
-`health`.
+with the bytes, in seconds since the session's start, and whoever wants a recording hands in a sink. Uses its siblings
+`health` and `laser_line`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ import dataclasses
 import json
 from collections import Counter
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
-from server import channels, link, scip
+from server import channels, link
 from server.clock import BoardClock
-from server.formats.laser import SENSOR
 from server.health import SourceHealth
-from server.messages import Arm, Command, Drive, Effect, Goal, Message, Ranges, Stop, StopCommand
+from server.laser_line import LaserLine
+from server.messages import Arm, Command, Drive, Effect, Goal, Message, Stop, StopCommand
 from server.recording import Kind
+from server.robots.kinds import LASER, ROBOTS
 
 STOP_REPEATS = 3
 COMMANDS: dict[str, type[Drive | Goal | Stop | Arm]] = {"drive": Drive, "goal": Goal, "stop": Stop, "arm": Arm}
@@ -44,7 +45,7 @@ class Session:
     """Routes bytes to messages to the robot, counts what was refused, and gives commands their numbers and echoes.
 
     `boards` are the source numbers of the robot's, of which exactly one drives; nobody else is believed. On the links
-    of `lasers` a laser of so many beams speaks SCIP 2.0 instead.
+    of `lasers` a laser speaks for itself.
     """
 
     def __init__(
@@ -53,15 +54,14 @@ class Session:
         calibration: channels.Calibration,
         sink: Sink | None = None,
         boards: tuple[int, ...] = (channels.DRIVE, channels.SENSOR),
-        lasers: Mapping[str, int] | None = None,
+        lasers: Mapping[str, LaserLine] | None = None,
     ) -> None:
         self.robot = robot
         self.calibration = calibration
         self.sink = sink
         self.t = 0.0  # newest time that came in
         self.decoders: dict[str, link.Decoder] = {}
-        self.beams = dict(lasers or {})  # of the lasers
-        self.lasers = {link_id: (scip.Decoder(), scip.Stamps()) for link_id in self.beams}
+        self.lasers = dict(lasers or {})
         self.clocks = {source: BoardClock() for source in boards}
         [self.driver] = [source for source in boards if source in channels.DRIVERS]
         self.health_of = {source: SourceHealth() for source in self.clocks}
@@ -77,7 +77,9 @@ class Session:
         if self.sink:
             self.sink.append(Kind.RX, link_id, data, t)
         if link_id in self.lasers:
-            return self._sweep(link_id, data, t)
+            sweeps = self.lasers[link_id].receive(data, t)
+            self.frames["laser"] += len(sweeps)
+            return [effect for sweep in sweeps for effect in self.robot.step(sweep)]
         decoder = self.decoders.get(link_id)
         if decoder is None:
             decoder = self.decoders[link_id] = link.Decoder()
@@ -85,20 +87,6 @@ class Session:
         for frame in decoder.feed(data):
             for message in self._accept(frame, link_id, t):
                 effects.extend(self.robot.step(message))
-        return effects
-
-    def _sweep(self, link_id: str, data: bytes, t: float) -> list[Effect]:
-        """Effects of a laser's bytes; a sweep of other beams than it has is counted and passed over."""
-        decoder, stamps = self.lasers[link_id]
-        effects = []
-        for said in decoder.feed(data):
-            if not isinstance(said, scip.Sweep):
-                continue
-            if len(said.ranges) != self.beams[link_id]:
-                self.refused["beams"] += 1
-                continue
-            self.frames[SENSOR] += 1
-            effects.extend(self.robot.step(Ranges(stamps.to_host(said.time_ms, t), SENSOR, said.ranges)))
         return effects
 
     def command(self, message: Drive | Goal | Stop | Arm, t: float) -> list[Effect]:
@@ -121,13 +109,22 @@ class Session:
             self.sink.append(Kind.TX, self.drive_link, data, self.t)
         return data
 
+    def requests(self, t: float) -> dict[str, bytes]:
+        """What lasers are to be told at time t, by link, recorded as sent; nothing to one that tells its sweeps."""
+        asked = {link_id: request for link_id, line in self.lasers.items() if (request := line.requests(t))}
+        for link_id, request in asked.items():
+            if self.sink:
+                self.sink.append(Kind.TX, link_id, request, whole_nanoseconds(t))
+        return asked
+
     def health(self, t: float) -> dict:
         """What the link is worth at time t, for people: counts since the start and, per board, the last seconds."""
         return {
             "frames": dict(self.frames),
             "rejected": sum(decoder.rejected for decoder in self.decoders.values())
-            + sum(decoder.rejected.total() for decoder, _ in self.lasers.values()),
-            "refused": dict(self.refused),
+            + sum(line.decoder.rejected.total() for line in self.lasers.values()),
+            "refused": dict(sum((line.refused for line in self.lasers.values()), self.refused)),
+            "faults": [line.fault for line in self.lasers.values() if line.fault],
             "lost": sum(health.lost for health in self.health_of.values()),
             "boards": {
                 channels.SOURCES[source]: {
@@ -173,6 +170,14 @@ class Session:
         frame = channels.encode_command(command, self.sequence, echo_ms)
         self.sequence = (self.sequence + 1) % 256
         return link.encode(frame)
+
+
+def session_of(name: str, robot: Robot, params: Any, sink: Sink | None = None) -> Session:
+    """The session of a robot by its name, with the lines that such a one speaks on; `params` are the robot's."""
+    kind = ROBOTS[name]
+    calibration = getattr(params, "calibration", channels.Calibration())
+    lasers = {LASER: LaserLine(params.laser, params.laser_delay)} if kind.has_laser else {}
+    return Session(robot, calibration, sink, kind.boards, lasers)
 
 
 def whole_nanoseconds(t: float) -> float:

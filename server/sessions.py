@@ -17,17 +17,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from server.bridge import Bridge
+from server.bridge import Bridge, Robot
 from server.config import Config, revised
 from server.errors import UserError
 from server.estimator import WorkerEstimator
 from server.messages import Snapshot
-from server.recorded import check_rings
+from server.recorded import check_senses
 from server.recording import Header, LinkName, Recorder
 from server.replay import warm_up
 from server.rest.sessions import NotRunning, SessionSummary
-from server.robots.crunch import Crunch, make_estimator
-from server.session import Session
+from server.robots.kinds import ROBOTS
+from server.session import session_of
 from server.views import SessionStatus, path_length
 
 log = logging.getLogger(__name__)
@@ -42,8 +42,11 @@ KeepMap = Callable[[Snapshot, SessionStatus], str | None]
 class Sessions:
     """The sessions of one server; the newest is the bridge's, running or not. A `SessionKeeper`."""
 
-    def __init__(self, bridge: Bridge, config: Config, seed: int, threads: int, folder: Path | None):
+    def __init__(
+        self, bridge: Bridge, config: Config, seed: int, threads: int, folder: Path | None, robot: str = "crunch"
+    ):
         self.bridge = bridge
+        self.robot = robot  # its name
         self.config = config
         self.seed = seed
         self.threads = threads
@@ -87,10 +90,10 @@ class Sessions:
         """End the session that runs, and begin a new one; UserError for settings or a folder that cannot be used."""
         async with self.changing:
             config = revised(self.config, settings or {})
-            check_rings(config.crunch.sensors)
+            check_senses(self.robot, config)
             if settings:
-                await asyncio.to_thread(warm_up, config.crunch, 1)
-            robot = await asyncio.to_thread(Crunch, config.crunch)
+                await asyncio.to_thread(warm_up, getattr(config, self.robot), 1)
+            robot = await asyncio.to_thread(ROBOTS[self.robot].fold, getattr(config, self.robot))
             if self.bridge.about.running:
                 await self._end()
             self.open(name, config, robot)
@@ -104,10 +107,10 @@ class Sessions:
                 raise NotRunning("no session runs")
             return await self._end()
 
-    def open(self, name: str = "", config: Config | None = None, robot: Crunch | None = None) -> None:
+    def open(self, name: str = "", config: Config | None = None, robot: Robot | None = None) -> None:
         """Begin a session whose filter starts with `run`; UserError if it cannot be recorded."""
         config = config or self.config
-        params = config.crunch
+        kind, params = ROBOTS[self.robot], getattr(config, self.robot)
         recorder = self._open_recording(config)
         self.number += 1
         self.recorder, self.is_put_away = recorder, False
@@ -117,15 +120,15 @@ class Sessions:
             began=datetime.now(UTC),
             recording=recorder.path.stem if recorder else None,
         )
-        robot = robot or Crunch(params)
+        folded: Robot = robot or kind.fold(params)
         estimator = WorkerEstimator(
-            functools.partial(make_estimator, params, self.seed, self.threads),
+            functools.partial(kind.make_estimator, params, self.seed, self.threads),
             self.bridge.believe,
             params.filter.particles,
             config.estimator,
         )
-        session = Session(robot, params.calibration, recorder)
-        self.bridge.begin(robot, session, estimator, recorder, config.model_dump(mode="json"), about)
+        session = session_of(self.robot, folded, params, recorder)
+        self.bridge.begin(folded, session, estimator, recorder, config.model_dump(mode="json"), about)
         if name:
             self._note_name()
 
@@ -196,7 +199,7 @@ class Sessions:
             return None
         links = self.bridge.links.items()
         header = Header(
-            robot="crunch",
+            robot=self.robot,
             links=tuple(LinkName(id=link_id, spec=link.spec) for link_id, link in links),
             unix_ns=time.time_ns(),
             monotonic_ns=round(self.bridge.clock() * 1e9),

@@ -1,7 +1,8 @@
 """Recordings of the virtual robot, made as fast as the machine can, each with the truth beside it.
 
 The virtual robot is met through its bytes alone: what it sends goes into an ordinary recording, to be replayed like any
-other. Its own true poses become `LOG.truth.tum`.
+other. Its own true poses become `LOG.truth.tum`. Crunch drives a plan by itself; Maze Runner knows of no plan, so that
+our own explorer drives it, from the host's side (`headless`, a sibling).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from firmware.virtual import (
     Drift,
     Plan,
     VirtualCrunch,
+    VirtualMazeRunner,
     World,
     load_plan,
     load_world,
@@ -29,16 +31,18 @@ from firmware.virtual import (
 )
 from firmware.virtual.plans import BUILT_IN as PLANS
 from firmware.virtual.scripted import ScriptedCrunch
-from server.config import Config
+from server.config import Config, merge
 from server.errors import UserError
 from server.formats.atomic import make_directory
 from server.formats.carmen import read_carmen
 from server.formats.errors import FormatError
 from server.formats.laser import LaserLog
 from server.formats.tum import read_tum, write_tum
+from server.headless import BOARD, Headless
 from server.maps import path_length
 from server.recording import Header, Kind, LinkName, Recorder
 from server.report import version
+from server.robots.kinds import LASER, ROBOTS
 from slam.pose import compose
 from slam.timeline import associate
 
@@ -48,11 +52,13 @@ PATIENCE = 3.0  # times as long as the plan's length and pauses ask for, before 
 SCAN_TOLERANCE = 1e-3  # s between a scan and its reference pose
 SCAN_REACH = 8.0  # m of a laser that draw the world; farther hits are smeared by small errors of heading
 LINK = "virtual"
+RULES = {"explore": "frontiers", "frontiers": "frontiers", "wall": "wall"}  # plans of one that explores
+EXPLORING = 900.0  # s after which it is given up
 TOUR = "tour"
 TOUR_LENGTH = 100.0  # m
 
 Progress = Callable[[int], None]
-Robot = VirtualCrunch | ScriptedCrunch
+Robot = VirtualCrunch | ScriptedCrunch | VirtualMazeRunner
 
 
 class Simulation(NamedTuple):
@@ -84,6 +90,8 @@ class Semireal(NamedTuple):
 
 def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
+    if ROBOTS[simulation.robot].explores:
+        return simulate_exploring(simulation, settings, progress)
     with mendable():
         world, plan = world_and_plan(simulation.world, simulation.plan, simulation.seed)
         robot = VirtualCrunch(world, seed=simulation.seed, drift=simulation.drift, plan=plan, build=simulation.build)
@@ -93,6 +101,28 @@ def simulate_drive(simulation: Simulation, settings: Config, progress: Progress 
     if not robot.finished and simulation.duration is None:
         warning = f"; the plan was not finished, the robot is {robot.state}"
     return describe(robot, end) + warning
+
+
+def simulate_exploring(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
+    """Record how a robot explores a maze; one line about it."""
+    rule = RULES.get(simulation.plan or "explore")
+    if rule is None:
+        raise UserError(f"--plan {simulation.plan}: {simulation.robot} drives by none but {', '.join(RULES)}")
+    if simulation.build != "host":
+        raise UserError(f"--avr: the virtual {simulation.robot} has its board's C only; leave it out")
+    if simulation.plan is not None:
+        settings = Config(**merge(settings.model_dump(), {"explorer": {"rule": rule}}))
+    with mendable():
+        world = load_world(simulation.world or f"maze:medium:{simulation.seed}")
+        robot = VirtualMazeRunner(world, seed=simulation.seed, drift=simulation.drift)
+    longest = simulation.duration or EXPLORING
+    with recording(simulation.robot, simulation.out, settings, (BOARD, LASER), simulation.seed) as recorder:
+        loop = Headless(robot, simulation.seed, settings, recorder)
+        loop.explore(longest, lambda: progress and progress(round(100.0 * robot.time / longest)))
+        loop.run(REST)
+    write_tum(simulation.out.with_name(simulation.out.name + ".truth.tum"), *robot.truth())
+    state = "" if loop.explorer.finished else f"; the map was not closed in {longest:.0f} s"
+    return describe(robot, robot.time) + f", {robot.body.bumps} walls touched" + state
 
 
 def world_and_plan(world: str | None, plan: str | None, seed: int) -> tuple[World, Plan]:
@@ -157,26 +187,34 @@ def allowance(plan: Plan) -> float:
 
 def record(robot: Robot, name: str, out: Path, settings: Config, longest: float, progress: Progress | None) -> float:
     """Let the robot run and write what it sends and where it was; returns the simulated seconds."""
+    with recording(name, out, settings, (LINK,)) as recorder:
+        end = run(robot, recorder, longest, progress)
+    write_tum(out.with_name(out.name + ".truth.tum"), *robot.truth())
+    return end
+
+
+@contextlib.contextmanager
+def recording(name: str, out: Path, settings: Config, links: tuple[str, ...], seed: int = 0) -> Iterator[Recorder]:
+    """A recording that is at its place once it is whole; UserError where it cannot be written."""
     header = Header(
         robot=name,
-        links=(LinkName(id=LINK, spec="virtual:"),),
+        links=tuple(LinkName(id=link_id, spec="virtual:") for link_id in links),
         unix_ns=0,  # simulated time begins at zero, so that the same seed makes the same file
         monotonic_ns=0,
         configuration=settings.model_dump(exclude_defaults=True),
+        seed=seed,
         software={"crunch": version()},
     )
     make_directory(out.parent)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
         recorder = Recorder(Path(folder) / out.name, header)
-        end = run(robot, recorder, longest, progress)
+        yield recorder
         recorder.close()
         if recorder.failed:
             raise UserError(
                 f"{out}: {recorder.failed} records were not written ({recorder.error}); make room on the disk"
             )
         place(Path(folder) / out.name, out)
-    write_tum(out.with_name(out.name + ".truth.tum"), *robot.truth())
-    return end
 
 
 def run(robot: Robot, recorder: Recorder, longest: float, progress: Progress | None) -> float:

@@ -18,6 +18,7 @@ from server.views import (
     LoopStatus,
     MapStatus,
     RobotStatus,
+    finite,
     path_length,
     rounded,
 )
@@ -42,7 +43,7 @@ def link_status(session: Session, links: Collection[Link], t: float) -> LinkStat
     return LinkStatus(
         names=[link.spec for link in links],
         connected=any(link.is_connected for link in links),
-        error="; ".join(f"{link.spec}: {link.error}" for link in links if link.error),
+        error="; ".join([*(f"{link.spec}: {link.error}" for link in links if link.error), *health["faults"]]),
         reconnects=sum(link.reconnects for link in links),
         silence_s=round(max(0.0, min(board["age"] for board in boards)), 3) if boards else None,
         lost_percent=round(100.0 * max((board["loss"] for board in boards), default=0.0), 2),
@@ -52,19 +53,23 @@ def link_status(session: Session, links: Collection[Link], t: float) -> LinkStat
 
 def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> RobotStatus:
     """The boards' own words, and which topics there are."""
-    drive = snapshot.balance or snapshot.boards.get("drive")
-    power = snapshot.power
+    motors, power = snapshot.motors, snapshot.power
+    drive = snapshot.balance or motors or snapshot.boards.get("drive") or snapshot.boards.get("motor")
+    low, empty = snapshot.battery_limits
     x, y, theta = rounded(snapshot.pose)
     return RobotStatus(
         name=snapshot.robot,
         state=drive.state if drive else None,
         stop_reason=drive.reason if drive else None,
-        battery_volts=power.battery_volts if power else None,
+        battery_volts=power.battery_volts if power else motors.battery_volts if motors else None,
+        battery_low_volts=low,
+        battery_empty_volts=empty,
         battery_amperes=power.battery_amperes if power else None,
         charger_volts=power.charger_volts if power else None,
         charger_amperes=power.charger_amperes if power else None,
         motor_amperes=(power.left_motor_amperes, power.right_motor_amperes) if power else None,
-        tilt_rad=round(snapshot.tilt, 4),
+        powers=(round(motors.left, 4), round(motors.right, 4)) if motors else None,
+        tilt_rad=finite(snapshot.tilt),
         pose=(x, y, theta),
         distance_m=round(snapshot.distance, 3),
         virtual=is_virtual,
@@ -90,13 +95,16 @@ def filter_status(snapshot: Snapshot, worker: EstimatorStatus) -> FilterStatus:
     )
 
 
-def driver_status(snapshot: Snapshot, control: Control, n_viewers: int, t: float) -> DriverStatus:
+def driver_status(
+    snapshot: Snapshot, control: Control, n_viewers: int, t: float, exploring: str | None = None
+) -> DriverStatus:
     """Who drives at the session's time t."""
     return DriverStatus(
         viewer=control.driver,
         leased=control.has_lease(t),
         stopped_by=control.stopped_by,
         autopilot=control.autopilot,
+        exploring=exploring,
         asked_by=control.asked_by,
         answer_s=control.answer_time(t),
         shared=control.wish is not None and control.wish.shared,

@@ -24,6 +24,7 @@ DRIFTS = ("none", "low", "medium", "high")
 Build = Literal["host", "avr"]  # of the virtual robot's boards
 
 Robot = Annotated[str | None, typer.Option(help="Which robot: crunch or maze_runner.", show_default="the log's own")]
+OneRobot = Annotated[str, typer.Option(help="Which robot: crunch or maze_runner.")]
 Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same log: the same bytes come out.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]
@@ -75,23 +76,25 @@ def progress_bar(title: str, total: int | None, quiet: bool) -> Iterator[Progres
 
 
 def live_settings(
-    file: Path | None, preset: str | None, particles: int | None, assignments: Sequence[str] | None
+    robot: str, file: Path | None, preset: str | None, particles: int | None, assignments: Sequence[str] | None
 ) -> Config:
     """The settings of a live session, for which the working directory's config.toml counts."""
-    from server.config import load, working_file
-    from server.recorded import check_rings
+    from server.config import check_robot, load, working_file
+    from server.recorded import check_senses
 
-    settings = load(settings_flags(preset, particles, None), file or working_file(), None, assignments or ())
-    check_rings(settings.crunch.sensors)
+    check_robot(robot)
+    settings = load(settings_flags(preset, particles, robot), file or working_file(), None, assignments or ())
+    check_senses(robot, settings)
     return settings
 
 
-def live_options(config: Config, host: str | None, port: int | None, opens_browser: bool) -> LiveOptions:
+def live_options(robot: str, config: Config, host: str | None, port: int | None, opens_browser: bool) -> LiveOptions:
     """How to serve: flags first, then the settings."""
     from server.live import LiveOptions
 
     return LiveOptions(
         config=config,
+        robot=robot,
         host=config.web.host if host is None else host,
         port=config.web.port if port is None else port,
         opens_browser=opens_browser,

@@ -228,6 +228,7 @@ class VirtualLink:
         self.speed = speed
         self.origin = time.monotonic()
         self.is_connected = False
+        self.sides: list[SideLink] = []
         self.received = self.sent = 0
         from firmware.virtual.pace import Pace  # with the simulator, which only who has such a robot pays for
 
@@ -269,6 +270,8 @@ class VirtualLink:
                 if data:
                     self.received += len(data)
                     receive(data, now)
+                for side in self.sides:
+                    side.hand_over(now)
         finally:
             self.is_connected = False
 
@@ -280,6 +283,57 @@ class VirtualLink:
             parts.append(self.robot.advance(step))
             seconds -= step
         return b"".join(parts), seconds
+
+
+class SideLink:
+    """Another line of a virtual robot that lives on a `VirtualLink`: `tell` takes bytes, `ask` gives what it said."""
+
+    reconnects = 0
+    error = ""
+
+    def __init__(self, main: VirtualLink, spec: str, tell: Callable[[bytes], None], ask: Callable[[], bytes]) -> None:
+        self.main = main
+        self.spec = spec
+        self.speed = main.speed
+        self.tell, self.ask = tell, ask
+        self.receive: Receive | None = None
+        self.received = self.sent = 0
+        main.sides.append(self)
+
+    @property
+    def is_connected(self) -> bool:
+        """As the robot itself."""
+        return self.receive is not None and self.main.is_connected
+
+    def now(self) -> float:
+        """The robot's time."""
+        return self.main.now()
+
+    def write(self, data: bytes) -> bool:
+        """Hands the bytes to what is at the other end."""
+        self.tell(data)
+        self.sent += len(data)
+        return True
+
+    def hand_over(self, now: float) -> None:
+        """What was said since the last time, to whoever listens."""
+        data = self.ask()
+        if data and self.receive is not None:
+            self.received += len(data)
+            self.receive(data, now)
+
+    def summary(self) -> dict:
+        """State and counts for people."""
+        counts = {"received": self.received, "sent": self.sent, "dropped": 0}
+        return {"spec": self.spec, "connected": self.is_connected, "reconnects": 0, **counts, "error": ""}
+
+    async def run(self, receive: Receive) -> None:
+        """Listens until cancelled."""
+        self.receive = receive
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self.receive = None
 
 
 def open_link(spec: str, backoff: Backoff = Backoff()) -> Link:  # noqa: B008 (a NamedTuple is frozen)

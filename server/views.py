@@ -39,11 +39,16 @@ class RobotStatus(BaseModel):
     state: str | None = Field(examples=["armed"])
     stop_reason: str | None = Field(examples=["none"])
     battery_volts: float | None = Field(examples=[28.1])
+    battery_low_volts: float = Field(examples=[26.4], description="from which down it should be charged")
+    battery_empty_volts: float = Field(examples=[24.0], description="from which down the robot drives no more")
     battery_amperes: float | None = Field(examples=[0.9])
     charger_volts: float | None = Field(examples=[0.0])
     charger_amperes: float | None = Field(default=None, examples=[0.0])
     motor_amperes: tuple[float, float] | None = Field(default=None, examples=[(0.4, 0.5)], description="left, right")
-    tilt_rad: float = Field(examples=[0.021])
+    powers: tuple[float, float] | None = Field(
+        default=None, examples=[(0.31, 0.28)], description="left, right, of -1 to 1, where the robot knows no speeds"
+    )
+    tilt_rad: float | None = Field(examples=[0.021], description="null for a robot that cannot tilt")
     pose: tuple[float, float, float] = Field(examples=[(1.25, 0.5, 0.1)], description="x m, y m, heading rad, world")
     distance_m: float = Field(examples=[12.5])
     virtual: bool = Field(examples=[True])
@@ -90,6 +95,11 @@ class DriverStatus(BaseModel):
     leased: bool = Field(examples=[True], description="whether the driver spoke within the lease")
     stopped_by: str | None = Field(examples=[None], description="who pressed stop, until the driver resumes")
     autopilot: bool | None = Field(examples=[False], description="null for a robot that has none")
+    exploring: str | None = Field(
+        default=None,
+        examples=["driving"],
+        description="off, looking, driving, following or done; null where the autopilot is none that explores",
+    )
     asked_by: str | None = Field(examples=["viewer-4"], description="who asks for control, until the driver answers")
     answer_s: float | None = Field(examples=[7.2], description="seconds that the driver has left to answer")
     shared: bool = Field(examples=[True], description="whether obstacles bend the driver's direction now")
@@ -148,7 +158,7 @@ def pose_view(snapshot: Snapshot, now: float) -> View:
             "age": round(max(0.0, now - snapshot.t), 3),
             "pose": rounded(snapshot.pose),
             "odometry": rounded(snapshot.odometry),
-            "tilt": round(float(snapshot.tilt), 4),
+            "tilt": finite(snapshot.tilt),
             "distance": round(float(snapshot.distance), 2),
             "goal": None if snapshot.goal is None else rounded(snapshot.goal),
         },

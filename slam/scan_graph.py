@@ -2,10 +2,10 @@
 
 Scans of neighbouring visits are aligned point-to-line from where the path has them (`slam.scan_matching`). In a
 building with many like corners that also succeeds where it must not, so that an alignment counts only if neither scan
-sees through the other's walls. What is left, and the odometry between vertices, are the edges of a pose graph, under a
-kernel that lets wrong ones go. Rounds begin wide, for paths that are off by metres, and end narrow. Uses its siblings
-`scan_agreement`, `scan_matching`, `wall_matching`, which chooses the pairs, `refinement`, `pose_graph` and
-`pose_covariance`.
+sees through the other's walls, and if the odometry can have drifted so far since, or the path need not move for it.
+What is left, and the odometry between vertices, are the edges of a pose graph, under a kernel that lets wrong ones go.
+Rounds begin wide, for paths that are off by metres, and end narrow. Uses its siblings `scan_agreement`,
+`scan_matching`, `wall_matching`, which chooses the pairs, `refinement`, `pose_graph` and `pose_covariance`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from slam.wall_matching import near_pairs
 
 SURE = 3.0  # standard deviations of the odometry's drift that ends and walls may be apart
 NONE = np.zeros(0)  # of the unknowns that all vertices share
-LEAST_TURN = 0.05  # rad that a scan may be turned, however short the way was
+LEAST_TURN = 0.05  # rad that a scan may be turned, however short the way was,
+NARROWEST = 0.2  # and m that it may be moved,
+MOST_TURN = 0.35  # and rad that it may be turned: well below a right angle, by which rooms are alike
 
 
 class ScanGraphParams(Params):
@@ -56,7 +58,7 @@ class ScanGraph:
 
     def __init__(self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams):
         self.params = params
-        self.scans = scans
+        self.scans, self.odometry = scans, odometry
         n = len(scans)
         motions = between(odometry[:-1], odometry[1:])
         precision = np.diag(np.array([params.distance, params.distance, params.turn]) ** -2.0)
@@ -76,7 +78,7 @@ class ScanGraph:
 
     def associate(self, path: np.ndarray, done: float, beat: Beat = lambda: None) -> None:
         """Find the loops at a path (n, 3); bounds have narrowed by the share `done` of the rounds."""
-        params = self.params
+        params, odometry = self.params, self.odometry
         reach = params.range * (params.last_range / params.range) ** done
         widest = params.gate * (params.last_gate / params.gate) ** done
         kernel = params.kernel * (params.last_kernel / params.kernel) ** done
@@ -87,10 +89,14 @@ class ScanGraph:
         for row, (first, second) in enumerate(pairs):
             scan, other = self.scans[second], self.scans[first]
             off, turned = self.drift(int(first), int(second))
-            gate = min(widest, max(params.last_gate, SURE * off))
-            prior = np.diag(np.array([gate, gate, SURE * max(LEAST_TURN, turned)]) ** -2.0)  # it only bounds the search
+            gate = min(widest, max(NARROWEST, SURE * off))
+            farthest = SURE * max(LEAST_TURN, turned)
+            prior = np.diag(np.array([gate, gate, farthest]) ** -2.0)  # it only bounds the search
             matching = params.matching.model_copy(update={"gate": gate})
             match = match_scans(scan, other, guesses[row], prior, matching)
+            drifted = between(between(odometry[first], odometry[second]), match.pose)
+            if not (is_within(between(guesses[row], match.pose), NARROWEST) or is_within(drifted, SURE * off)):
+                continue  # a search may walk from wall to wall, into another of many like cells
             if match.share >= matching.enough and do_agree(scan, other, match.pose, params.agreement):
                 found.append((row, match.pose, params.trust * (match.information - prior) + 1e-6 * np.eye(3)))
             if row % 256 == 0:
@@ -120,6 +126,11 @@ class ScanGraph:
         """How certain the poses of a path (n, 3) are that came of the last round."""
         _, terms, border = self.linearize(path, NONE)
         return Covariances(NormalEquations(path, terms, border))
+
+
+def is_within(moved: np.ndarray, metres: float) -> bool:
+    """Whether a pose (3,) is so near, and turned by little."""
+    return math.hypot(moved[0], moved[1]) < metres and abs(moved[2]) < MOST_TURN
 
 
 def no_edges() -> LoopEdges:

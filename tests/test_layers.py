@@ -27,7 +27,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder", "slam.resampling", "slam.scan_agreement",
         "slam.scan_matching", "slam.scan_motion", "slam.sonar_noise", "slam.suggestions", "slam.sweep_filling",
         "slam.thinning", "slam.timeline", "slam.trajectory", "slam.tree_map", "slam.uncertainty",
-        "slam.variance_components", "slam.vfh", "slam.wall_direction", "slam.wall_matching", "slam.walls",
+        "slam.variance_components", "slam.vfh", "slam.wall_direction", "slam.wall_following", "slam.wall_matching",
+        "slam.walls",
     ),
     (
         "server", "server.channels", "server.clock", "server.errors", "server.formats", "server.formats.atomic",
@@ -41,13 +42,14 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "slam.refinement", "slam.scan_graph",
     ),
     (
-        "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.maze_runner",
+        "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.kinds",
+        "server.robots.maze_runner",
         "server.robots.odometry", "server.robots.pilot",
     ),
     (
         "server.adviser", "server.boards", "server.config", "server.control", "server.estimator", "server.explorer",
-        "server.filter_worker", "server.health", "server.navigator", "server.pulse", "server.restarts",
-        "server.session", "server.stops",
+        "server.filter_worker", "server.health", "server.laser_line", "server.navigator", "server.pulse",
+        "server.restarts", "server.session", "server.stops",
     ),
     (
         "server.api", "server.cockpit", "server.comparison", "server.conversation", "server.dashboard",
@@ -60,9 +62,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.survey", "server.views",
     ),
     (
-        "server.bridge", "server.live", "server.mapping", "server.motor_calibration", "server.odometry_calibration",
-        "server.recorded", "server.render", "server.render_queue", "server.replay", "server.sessions",
-        "server.simulate", "server.sonar_calibration", "server.workbench",
+        "server.bridge", "server.headless", "server.live", "server.mapping", "server.motor_calibration",
+        "server.odometry_calibration", "server.recorded", "server.render", "server.render_queue",
+        "server.replay", "server.sessions", "server.simulate", "server.sonar_calibration", "server.workbench",
     ),
     ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.terminal"),
 )  # fmt: skip

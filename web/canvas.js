@@ -109,8 +109,16 @@ export function arrow(context, x, y, size) {
 }
 
 /** The robot seen from above, forward along +x, in a context scaled to metres. */
+let shape = "crunch";
+
+/** Draw robots as this one from now on. */
+export function shapeAs(name) {
+  shape = name;
+}
+
 export function robotGlyph(context, ink, front) {
   context.fillStyle = ink;
+  if (shape === "maze_runner") return plateGlyph(context, ink, front);
   for (const side of [-1, 1]) context.fillRect(-0.05, side * 0.095 - 0.0125, 0.1, 0.025);
   context.beginPath();
   context.arc(0, 0, 0.076, 0, 7);
@@ -121,5 +129,18 @@ export function robotGlyph(context, ink, front) {
   context.lineTo(-0.03, 0.042);
   context.lineTo(-0.012, 0);
   context.lineTo(-0.03, -0.042);
+  context.fill();
+}
+
+/** A plate with its corners cut off, a wheel on either side, and the laser in front. */
+function plateGlyph(context, ink, front) {
+  for (const side of [-1, 1]) context.fillRect(-0.035, side * 0.1 - 0.012, 0.07, 0.024);
+  context.beginPath();
+  for (const [x, y] of [[0.1, 0.05], [0.06, 0.085], [-0.09, 0.085], [-0.12, 0.05], [-0.12, -0.05], [-0.09, -0.085], [0.06, -0.085], [0.1, -0.05]]) context.lineTo(x, y);
+  context.closePath();
+  context.fill();
+  context.fillStyle = front;
+  context.beginPath();
+  context.arc(0.05, 0, 0.028, 0, 7);
   context.fill();
 }

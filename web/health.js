@@ -1,7 +1,5 @@
 // The robot's and the server's health: the chips in the header, and the panel with its groups of figures.
 
-const LOW_BATTERY = 26.4; // volts of 24 NiMH cells at 1.1 V each; at 24 the board drives no more
-const EMPTY_BATTERY = 24.0;
 const CHARGING = 5; // volts at the charger's socket above which it is plugged in
 const STOPS = "Newest stops";
 const LONG = 5; // rows above which a group scrolls
@@ -19,7 +17,8 @@ export class Health {
   /** Take over the status; `connection` knows the round trip and how old the picture is. */
   show(status, connection) {
     const { robot, filter, link } = status;
-    chip("battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts));
+    chip("battery", volts(robot.battery_volts), batteryLevel(robot));
+    document.getElementById("chip-tilt").hidden = robot.tilt_rad === null;
     chip("link", `${link.lost_percent.toFixed(1)} %`, level(link.lost_percent, 5, 20));
     chip("filter", filterText(filter), filterLevel(filter));
     this.fill(groupsOf(status, connection));
@@ -27,7 +26,7 @@ export class Health {
 
   /** Tilt in rad, age of the newest reading in s. */
   move(tilt, age) {
-    const lean = (180 / Math.PI) * tilt;
+    const lean = (180 / Math.PI) * (tilt ?? 0); // a robot that cannot tilt tells none
     chip("tilt", degrees(lean), level(Math.abs(lean), 12, 25));
     chip("age", duration(age), level(age, 0.5, 1.0));
   }
@@ -96,11 +95,12 @@ function robotRows(robot) {
   return [
     ["State", STATES[robot.state] ?? robot.state ?? "not heard", STATES[robot.state] ? "" : robot.state ? "warn" : "bad"],
     ...lastWordsRow(robot.last_words),
-    ["Battery", volts(robot.battery_volts), batteryLevel(robot.battery_volts)],
-    ["Current", amperes(robot.battery_amperes)],
+    ["Battery", volts(robot.battery_volts), batteryLevel(robot)],
+    ...(robot.battery_amperes === null ? [] : [["Current", amperes(robot.battery_amperes)]]),
+    ...(robot.powers ? [["Power", robot.powers.map((power) => `${signed(100 * power, 0)} %`).join(", ")]] : []),
     ...(robot.motor_amperes ? [["Motors", `${signed(left)}, ${signed(right)} A`]] : []),
-    ["Charger", robot.charger_volts > CHARGING ? `${volts(robot.charger_volts)}, ${amperes(robot.charger_amperes)}` : "not plugged in"],
-    ["Tilt", degrees((180 / Math.PI) * robot.tilt_rad)],
+    ...(robot.charger_volts === null ? [] : [["Charger", robot.charger_volts > CHARGING ? `${volts(robot.charger_volts)}, ${amperes(robot.charger_amperes)}` : "not plugged in"]]),
+    ...(robot.tilt_rad === null ? [] : [["Tilt", degrees((180 / Math.PI) * robot.tilt_rad)]]),
     ["Driven", `${robot.distance_m.toFixed(1)} m`],
   ];
 }
@@ -172,9 +172,9 @@ function amperes(value) {
   return value === null || value === undefined ? "–" : `${value.toFixed(2)} A`;
 }
 
-/** Amperes either way, with a minus sign as long as a plus. */
-function signed(value) {
-  return value.toFixed(2).replace(/^-0\.00$/, "0.00").replace("-", "−");
+/** A figure either way, with a minus sign as long as a plus. */
+function signed(value, digits = 2) {
+  return value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−");
 }
 
 function degrees(lean) {
@@ -192,9 +192,9 @@ function clock(seconds) {
   return `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 }
 
-function batteryLevel(value) {
+function batteryLevel({ battery_volts: value, battery_low_volts: low, battery_empty_volts: empty }) {
   if (value === null) return "";
-  return value < EMPTY_BATTERY ? "bad" : value < LOW_BATTERY ? "warn" : "";
+  return value < empty ? "bad" : value < low ? "warn" : "";
 }
 
 function filterText(filter) {

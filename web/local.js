@@ -3,6 +3,8 @@
 import { Drawing, channels, colour, polyline, robotGlyph } from "./canvas.js";
 import { inflate, unpackCurves } from "./frame.js";
 
+const DENSE = 64; // beams of one sensor above which each is drawn faintly
+
 export class LocalView {
   constructor(canvas) {
     this.cells = new OffscreenCanvas(1, 1);
@@ -83,12 +85,15 @@ export class LocalView {
     for (const sensor of ["infrared", "laser"]) {
       if (!this.frame.header.beams[sensor]) continue;
       context.strokeStyle = context.fillStyle = colour("infrared");
-      context.lineWidth = 2 / scale;
+      const isDense = this.frame.arrays[`${sensor}.ranges`].values.length > DENSE;
+      context.lineWidth = (isDense ? 1 : 2) / scale;
       this.eachBeam(sensor, (bearing, x, y, range) => {
         const end = [x + range * Math.cos(bearing), y + range * Math.sin(bearing)];
+        context.globalAlpha = isDense ? 0.07 : 1; // many rays make a patch that the map shines through
         polyline(context, [[x, y], end]);
+        context.globalAlpha = 1;
         context.beginPath();
-        context.arc(end[0], end[1], 3.2 / scale, 0, 7);
+        context.arc(end[0], end[1], (isDense ? 1.2 : 3.2) / scale, 0, 7);
         context.fill();
       });
     }

@@ -1,6 +1,7 @@
 // The page: joins the connection, the drawings and the controls.
 
 import { Assist } from "./assist.js";
+import { shapeAs } from "./canvas.js";
 import { Connection } from "./connection.js";
 import { Driver } from "./drive.js";
 import { Gamepads } from "./gamepad.js";
@@ -78,6 +79,7 @@ connection.addEventListener("local", ({ detail }) => {
   local.show(detail);
   delete $("local").parentElement.dataset.empty;
   $("local-figures").textContent = localFigures(detail.header);
+  for (const item of document.querySelectorAll("[data-sensor]")) item.hidden = !(item.dataset.sensor in detail.header.beams);
 });
 connection.addEventListener("histogram", ({ detail }) => {
   histogram.show(detail);
@@ -121,6 +123,7 @@ function showStatus(status) {
   page.status = status;
   health.show(status, connection);
   const { driver: who, map: figures, robot } = status;
+  shapeAs(robot.name);
   switches.offer(robot.layers);
   showPanels(robot.layers);
   const isMine = who.viewer !== null && who.viewer === connection.viewer;
@@ -129,14 +132,15 @@ function showStatus(status) {
   $("drive-state").textContent = driveText(who, isMine);
   handover.show(who);
   $("resume").hidden = who.stopped_by === null;
-  $("cancel").hidden = who.goal === null;
+  $("cancel").hidden = who.goal === null || who.autopilot === true; // that is the explorer's
   $("arm").hidden = robot.state === null || robot.state === "armed" || robot.state === "link lost";
   $("autopilot").hidden = who.autopilot === null;
   $("autopilot").setAttribute("aria-pressed", String(who.autopilot === true));
+  $("autopilot").textContent = who.exploring === null ? "Autopilot" : "Explore";
   $("map-figures").textContent = figures.vertices
     ? `${figures.vertices} ${figures.vertices === 1 ? "vertex" : "vertices"}, ${figures.path_length_m.toFixed(1)} m` : "waiting for the first vertex";
-  $("health-figures").textContent = robot.name + (robot.virtual ? ", virtual" : "");
-  document.title = `${robot.name[0].toUpperCase()}${robot.name.slice(1)} · ${figures.vertices} vertices`;
+  $("health-figures").textContent = titled(robot.name) + (robot.virtual ? ", virtual" : "");
+  document.title = `${titled(robot.name)} · ${figures.vertices} vertices`;
   showBanner();
 }
 
@@ -145,11 +149,19 @@ function showPanels(topics) {
   for (const panel of document.querySelectorAll("[data-topic]")) panel.hidden = !topics.includes(panel.dataset.topic);
 }
 
+/** "Maze Runner" for maze_runner. */
+function titled(name) {
+  return name.split("_").map((word) => word[0].toUpperCase() + word.slice(1)).join(" ");
+}
+
+const EXPLORING = { looking: "looks around", driving: "explores", following: "follows a wall", done: "has explored all that it can reach" };
+
 function driveText(who, isMine) {
   if (who.stopped_by !== null) return "stopped";
-  if (who.autopilot) return "the autopilot drives";
+  if (who.autopilot) return EXPLORING[who.exploring] ?? "the autopilot drives";
   if (who.goal !== null) return isMine ? "driving to your objective" : "driving to an objective";
   if (isMine) return "you drive";
+  if (who.exploring === "done") return EXPLORING.done;
   return who.viewer === null ? "nobody drives" : `${who.viewer} drives`;
 }
 

@@ -1,8 +1,9 @@
-"""The virtual Crunch: physics, sensors, radio and worlds around the firmware's own C. Knows no host, only bytes."""
+"""The virtual robots: physics, sensors, radio and worlds around the firmware's own C. Knows no host, only bytes."""
 
 from firmware.virtual.builds import BUILDS, Build
 from firmware.virtual.corridor import corridor_cycle, corridor_plan
 from firmware.virtual.host import DRIFTS, Drift
+from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.native import CompilerError
 from firmware.virtual.plans import Plan, PlanError, load_plan
 from firmware.virtual.radio import Radio
@@ -22,6 +23,7 @@ __all__ = [
     "Radio",
     "ScriptedCrunch",
     "VirtualCrunch",
+    "VirtualMazeRunner",
     "World",
     "WorldError",
     "corridor_cycle",

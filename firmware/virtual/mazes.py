@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from firmware.virtual.worlds import World
+from firmware.virtual.worlds import World, WorldError
 
 CELL = 0.6  # m from the middle of a wall to that of the next
 BOARD = 0.012  # m of plywood
@@ -86,6 +86,20 @@ def maze(size: str | tuple[int, int], seed: int, cell: float = CELL, loops: floa
     middles = boards(columns, rows, open_pairs, cell) - 0.5 * cell
     heading = 0.0 if frozenset(((0, 0), (1, 0))) in open_pairs else 0.5 * math.pi
     return World(outlines(middles, BOARD), (0.0, 0.0, heading), f"maze-{columns}x{rows}-{seed}")
+
+
+def maze_named(name: str) -> World:
+    """The maze `maze:SIZE:SEED`, as in maze:medium:3, or maze:8x5:3 of so many columns and rows; WorldError."""
+    _, size, seed = (name.split(":") + ["", ""])[:3]
+    columns, x, rows = size.partition("x")
+    try:
+        if name.count(":") > 2 or not (seed or "0").isdecimal():
+            raise ValueError(f"seed {seed!r}")
+        return maze((int(columns), int(rows)) if x and columns.isdecimal() else size or "medium", int(seed or 0))
+    except ValueError as error:
+        raise WorldError(
+            f"{name}: names no maze ({error}); write maze:medium:3, or maze:8x5:3 for 8 x 5 cells"
+        ) from None
 
 
 def outlines(middles: np.ndarray, thickness: float) -> np.ndarray:

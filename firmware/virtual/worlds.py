@@ -123,7 +123,11 @@ class World:
 
 
 def load_world(source: str | Path) -> World:
-    """World from a file or by a built-in name ("demo", "corridor50"). Raises WorldError."""
+    """World from a file or by a built-in name ("demo", "corridor50", "maze:medium:3"). Raises WorldError."""
+    if str(source).startswith("maze:"):
+        from firmware.virtual.mazes import maze_named
+
+        return maze_named(str(source))
     path = resolve(source, BUILT_IN, "world", WorldError)
     from firmware.virtual.world_maps import load_carmen, load_ros
 

@@ -8,6 +8,7 @@ metre or half a radian is a vertex that saw the whole scan. Vertices stand where
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Literal
 
 import numpy as np
@@ -35,6 +36,7 @@ from server.messages import (
     shown_of,
 )
 from server.robots.pilot import Pilot, Reins
+from slam.cost_grid import CostParams
 from slam.fastslam import FastSlam, FastSlamParams
 from slam.grid import Grid
 from slam.grid_filter import GridFilter, GridFilterParams
@@ -49,12 +51,16 @@ from slam.vfh import Vfh, VfhParams
 from slam.walls import Walls, curves
 
 SIGHT = 0.5  # s after which the last scan is too old to steer by
+REMEMBERED = 1.0  # s of odometry, for scans that come late
 
 
 class MazeRunnerParams(Params):
     """Everything that makes this robot this robot."""
 
-    laser: LaserParams = LaserParams()
+    laser: LaserParams = LaserParams(x=0.05)
+    laser_delay: float = Field(
+        default=0.05, ge=0.0, le=1.0
+    )  # s from the middle of a sweep to when the laser tells it, at least
     motors: MotorParams = MotorParams()
     scan: ScanParams = ScanParams()
     vertex_spacing: float = Field(default=0.45, ge=0.05, le=5.0)  # m of path between vertices,
@@ -64,7 +70,13 @@ class MazeRunnerParams(Params):
     look_ahead: float = Field(default=0.4, gt=0.0)  # m along a planned way to the point that is steered to
     turn_gain: float = Field(default=2.0, gt=0.0)  # rad/s per rad of steering
     max_turn: float = Field(default=0.8, gt=0.0)  # rad/s; faster turns bend what the laser sees
+    battery_low: float = Field(default=10.5, ge=0.0)  # V of three cells that should be charged,
+    battery_empty: float = Field(default=9.9, ge=0.0)  # and that are empty
     shown_reach: float = Field(default=2.0, gt=0.0)  # m of the local map around the robot that viewers get
+    floor: CostParams = CostParams(
+        resolution=0.03, clearance=0.16, comfort=0.26, margin=0.5
+    )  # for planning, in place of navigator.cost: a maze's ways are narrow
+    tight_clearance: float = Field(default=0.135, gt=0.0)  # m, in place of navigator.tight_clearance
     vfh: VfhParams = VfhParams(robot_radius=0.13, clearance=0.06, max_speed=0.2)
     odometry: LaserOdometryParams = LaserOdometryParams()
     estimator: Literal["grids", "paper"] = "grids"  # what we hold best, or literally what the robot's authors have
@@ -98,6 +110,7 @@ class MazeRunner:
         self.t = 0.0
         self.odometry = np.zeros(3)  # as it was told, or reckoned
         self.has_odometry = False
+        self.history: deque[tuple[float, np.ndarray]] = deque()  # of the odometry, with its times
         self.seen_at = np.zeros(3)  # the odometry when the newest scan was taken
         self.looked = -math.inf  # when a scan came last
         self.travelled = self.distance = 0.0  # m since the last vertex, and since the start
@@ -118,11 +131,10 @@ class MazeRunner:
         match message:
             case Motors():
                 self.reckoning.step(message.t, (message.left, message.right), message.battery_volts)
-                self.motors, self.t, self.odometry, self.has_odometry = message, message.t, self.reckoning.pose, True
+                self.motors = message
+                self.roll(message.t, self.reckoning.pose)
             case Odometry():
-                self.t = message.t
-                self.odometry = np.array([message.x, message.y, message.theta])
-                self.has_odometry = True
+                self.roll(message.t, np.array([message.x, message.y, message.theta]))
             case Ranges(sensor=sensor) if sensor == SENSOR and self.has_odometry:
                 return self.look(message)
             case Estimate():
@@ -143,13 +155,32 @@ class MazeRunner:
                 self.boards[message.board] = message
         return []
 
+    def roll(self, t: float, pose: np.ndarray) -> None:
+        """Take the newest odometry up; in logs times go back now and then, and what came last is believed."""
+        self.t, self.odometry, self.has_odometry = t, pose, True
+        while self.history and self.history[-1][0] >= t:
+            self.history.pop()
+        self.history.append((t, pose))
+        while t - self.history[0][0] > REMEMBERED:
+            self.history.popleft()
+
+    def odometry_at(self, t: float) -> np.ndarray:
+        """The odometry (3,) at a time of the last moments; the oldest or the newest beyond them."""
+        after = next((row for row, (then, _) in enumerate(self.history) if then >= t), len(self.history) - 1)
+        if after == 0 or self.history[after][0] <= t:
+            return self.history[after][1]
+        (before, start), (then, _) = self.history[after - 1], self.history[after]
+        moved = between(start, self.history[after][1])
+        return compose(start, (t - before) / (then - before) * moved)
+
     def look(self, message: Ranges) -> list[Effect]:
         """Follow a scan, and steer by it; it is a vertex's where the robot has moved on."""
         walls = walls_of(message.ranges, self.rays, self.params.scan)
         before = self.follower.pose
-        pose = self.follower.step(compose(self.odometry, self.mount), scan_of(walls, self.params.filter.jump))
+        told = self.odometry_at(message.t)  # for a sweep comes late
+        pose = self.follower.step(compose(told, self.mount), scan_of(walls, self.params.filter.jump))
         self.last_ranges, self.walls = message.ranges, walls
-        self.seen_at, self.looked = self.odometry, self.t
+        self.seen_at, self.looked = told, self.t
         effects: list[Effect] = list(self.steer())
         if self.vertices:
             moved = math.hypot(pose[0] - before[0], pose[1] - before[1])
@@ -162,7 +193,7 @@ class MazeRunner:
         keyframe = Keyframe(message.t, len(self.vertices), pose, walls, self.travelled)
         self.vertices.append(pose)
         self.times.append(message.t)
-        self.told.append(compose(self.odometry, self.mount))
+        self.told.append(compose(told, self.mount))
         self.observations.append(walls)
         self.curves.append(curves(walls, self.params.filter.jump))
         self.travelled = 0.0
@@ -243,19 +274,20 @@ class MazeRunner:
         densities = self.vfh.histogram(remembered, here, math.inf)
         grid = window(remembered, here[:2], self.params.shown_reach)
         seen = curves(self.walls, self.params.filter.jump) if self.walls is not None else []
+        scanned = between(here, self.follower.pose)
         return Snapshot(
             t=self.t,
             robot="maze_runner",
             pose=pose,
             odometry=self.odometry,
-            tilt=0.0,
+            tilt=math.nan,
             distance=self.distance,
             local_map=grid.cells,
             local_resolution=grid.resolution,
             local_origin=np.array([grid.x, grid.y]),
             local_pose=here,
-            beams=self.beams(),
-            curves=[transform(self.mount, curve) for curve in seen],
+            beams=self.beams(scanned),
+            curves=[transform(scanned, curve) for curve in seen],
             densities=densities,
             threshold=self.params.vfh.threshold,
             valleys=self.vfh.valleys(densities),
@@ -264,21 +296,26 @@ class MazeRunner:
             observations=self.observations[:known],
             vertex_times=np.array(self.times[:known]),
             vertex_odometry=np.array(self.told[:known]).reshape(-1, 3),
+            motors=self.motors,
+            battery_limits=(self.params.battery_low, self.params.battery_empty),
             boards=dict(self.boards),
             **self.pilot.shown(pose),
             **shown_of(estimate),
         )
 
-    def beams(self) -> dict[str, dict]:
-        """The laser's geometry and its last ranges."""
+    def beams(self, scanned: np.ndarray) -> dict[str, dict]:
+        """What the laser saw last at `scanned` (3,), as if from the middle of the axle: where each beam ended."""
         laser = self.params.laser
+        bearings = laser.bearings
+        ends = self.last_ranges[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        seen = transform(scanned, np.where(np.isfinite(ends), ends, np.nan))
         return {
             SENSOR: {
-                "bearings": laser.bearings + laser.mount[2],
-                "offsets": np.full(laser.beams, laser.x),
+                "bearings": np.where(np.isnan(seen[:, 0]), bearings + scanned[2], np.arctan2(seen[:, 1], seen[:, 0])),
+                "offsets": np.zeros(laser.beams),
                 "half_angle": 0.0,
                 "max_range": laser.max_range,
-                "ranges": self.last_ranges,
+                "ranges": np.hypot(seen[:, 0], seen[:, 1]),
             }
         }
 

@@ -9,17 +9,26 @@ import pytest
 from scipy.spatial import KDTree
 
 from bench.maze import visible
-from bench.maze_loop import PARAMS, STEP, MazeLoop
 from firmware.virtual.maze_body import Drift
+from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.mazes import CELL, maze
 from server import channels, link
+from server.headless import BOARD, SETTINGS, STEP, Headless
 from server.messages import Drive, Goal, PowersCommand, Stop, StopCommand
 from server.robots.maze_runner import MazeRunner
 from slam.pose import between, compose, inverse, transform
 
+PARAMS = SETTINGS.maze_runner
 
-def loop_in(size="medium", seed=0, drift: Drift = "medium") -> MazeLoop:
-    return MazeLoop(maze(size, seed), seed, drift)
+
+class InMaze(Headless):
+    """A robot in a maze, whose truth is known."""
+
+    virtual: VirtualMazeRunner
+
+
+def loop_in(size="medium", seed=0, drift: Drift = "medium") -> InMaze:
+    return InMaze(VirtualMazeRunner(maze(size, seed), seed=seed, drift=drift), seed)
 
 
 def test_it_drives_as_told_and_stops_when_nobody_tells_it_any_more():
@@ -100,7 +109,7 @@ def test_noise_on_both_lines_is_counted_and_survived():
     loop, rng = loop_in(drift="none"), np.random.default_rng(1)
     for _ in range(100):
         loop.run(STEP, Drive(0.0, 0.1, 0.0))
-        for line in ("board", "laser"):
+        for line in (BOARD, "laser"):
             noise = rng.integers(0, 256, 20, dtype=np.uint8).tobytes() + b"\n\n"
             loop.obey(loop.session.receive(line, noise, loop.virtual.time))
         loop.virtual.write(noise)
@@ -112,7 +121,7 @@ def test_noise_on_both_lines_is_counted_and_survived():
 def test_frames_of_boards_that_are_not_its_own_are_refused():
     loop = loop_in()
     frame = link.encode(link.Frame(channels.DRIVE, channels.STATUS, 0, 0, bytes(16)))
-    assert loop.session.receive("board", frame, 0.0) == []
+    assert loop.session.receive(BOARD, frame, 0.0) == []
     assert loop.session.refused["source"] == 1
 
 

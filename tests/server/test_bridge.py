@@ -165,7 +165,7 @@ def test_a_robot_that_has_fallen_silent_is_not_driven_although_its_picture_is_pu
 
 def test_the_autopilot_drives_no_further_when_its_session_has_ended():
     session = HandSession(autopilot=True)
-    session.bridge.virtual = session.virtual
+    session.bridge.autopilot = session.virtual
     session.bridge.sync_autopilot()
     assert session.virtual.autopilot
     session.bridge.end()
@@ -237,6 +237,7 @@ def test_status_tells_link_battery_and_filter():
     assert 20.0 < status.robot.battery_volts < 36.0
     assert set(status.robot.boards) == {"drive", "sensor"}
     assert status.filter.particles == 100
+    assert status.robot.tilt_rad is not None
     assert abs(status.robot.tilt_rad) < 0.2
 
 

@@ -177,7 +177,7 @@ def test_other_mistakes_are_one_line(crunch, tmp_path):
     assert_mendable(crunch("score", "m"), "give --truth")
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--world", "mars"), "mars")
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--drift", "wild"), "drift `wild` is unknown")
-    assert_mendable(crunch("simulate", "--out", "a.rlog", "--robot", "krunch"), "robots that can be simulated: crunch")
+    assert_mendable(crunch("simulate", "--out", "a.rlog", "--robot", "krunch"), "known: crunch, maze_runner")
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--from-log", log), "--reference belong together")
     assert_mendable(crunch("serve", "--no-browser", "--no-record"), "--link")
     assert_mendable(crunch("serve", "--no-browser", "--no-record", "--link", "smoke:signals"), "smoke:signals")

@@ -70,7 +70,7 @@ def test_recordings_never_overwrite_one_another(tmp_path):
 )
 def test_world_and_plan_of_a_demo_follow_from_one_another(monkeypatch, world, plan, place, route):
     robots = []
-    monkeypatch.setattr("server.live.run", lambda options, links, control, robot: robots.append(robot) or 0)
+    monkeypatch.setattr("server.live.run", lambda *given: robots.append(given[3]) or 0)
     assert run_demo(LiveOptions(Config()), world=world, plan=plan) == 0
     (robot,) = robots
     np.testing.assert_array_equal(robot.world.segments, load_world(place).segments)
@@ -83,9 +83,9 @@ def test_a_world_without_room_for_a_tour_has_no_autopilot(monkeypatch, tmp_path)
         "start = [0.0, 0.0, 0.0]\nwalls = [[[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]]]\n"
     )
     served = []
-    monkeypatch.setattr("server.live.run", lambda options, links, control, robot: served.append(control) or 0)
+    monkeypatch.setattr("server.live.run", lambda *given: served.append(given) or 0)
     assert run_demo(LiveOptions(Config()), world=str(cell)) == 0
-    assert served[0].autopilot is None
+    assert served[0][3:] == (None, False, True), "a virtual robot with no driver of its own"
     with pytest.raises(UserError, match=r"--autopilot needs a plan .*--plan"):
         run_demo(LiveOptions(Config()), autopilot=True, world=str(cell))
 

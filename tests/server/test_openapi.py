@@ -25,7 +25,7 @@ def described() -> Json:
 
 
 BY_HAND = HandSession()
-LIVE = Live(LiveOptions(Config(), recordings=None), {"link0": BY_HAND.link}, BY_HAND.bridge.control, None)
+LIVE = Live(LiveOptions(Config(), recordings=None), {"link0": BY_HAND.link}, BY_HAND.bridge.control)
 SCHEMA = described()
 ROUTES = [(path, method) for path, methods in SCHEMA["paths"].items() for method in methods]
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from server.channels import Calibration
+from server.laser_line import LaserLine
 from server.messages import Ranges
 from server.scip import (
     BLOCK,
@@ -24,6 +25,7 @@ from server.scip import (
     steps_of,
 )
 from server.session import Session
+from slam.laser_scan import LaserParams
 
 PARTICULARS = {
     "MODL": "URG-04LX(Hokuyo Automatic Co., Ltd.)", "DMIN": "20", "DMAX": "5600", "ARES": "1024", "AMIN": "44",
@@ -157,7 +159,7 @@ class Ear:
 
 def test_a_session_hands_the_robot_sweeps_of_its_laser_and_counts_those_of_another():
     ear = Ear()
-    session = Session(ear, Calibration(), lasers={"laser": 50})
+    session = Session(ear, Calibration(), lasers={"laser": LaserLine(LaserParams(beams=50))})
     data = told([1000] * 50, 100) + told([1000] * 60, 200) + told([2000] * 50, 300)
     for at in range(0, len(data), 7):
         session.receive("laser", data[at : at + 7], 5.0 + 1e-3 * at)

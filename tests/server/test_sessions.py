@@ -18,6 +18,7 @@ from server.recording import Kind, Reader, Recorder
 from server.replay import run_log
 from server.rest.sessions import NotRunning
 from server.robots.crunch import Crunch, CrunchParams
+from server.robots.kinds import ROBOTS
 from server.sessions import Sessions
 from server.views import SessionStatus
 from server.words import PlainWord
@@ -190,7 +191,7 @@ def test_a_large_robot_is_built_while_the_session_goes_on(tmp_path, monkeypatch)
 
     is_building, may_go_on = threading.Event(), threading.Event()
     may_go_on.set()
-    monkeypatch.setattr("server.sessions.Crunch", SlowCrunch)
+    monkeypatch.setitem(ROBOTS, "crunch", ROBOTS["crunch"]._replace(fold=SlowCrunch))
 
     async def begun(hand: HandSession, sessions: Sessions, kept: Kept) -> None:
         is_building.clear()

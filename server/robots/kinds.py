@@ -1,0 +1,32 @@
+"""Every robot that there is, one row each: its fold, its estimator, and the lines that it speaks on.
+
+A row's name is also that of the robot's table in the settings. Uses its siblings `crunch` and `maze_runner`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from server import channels
+from server.robots import crunch, maze_runner
+
+LASER = "laser"  # name of the line on which a laser speaks for itself
+
+
+class Kind(NamedTuple):
+    """A robot: `fold` is made of its parameters, `make_estimator` of them, a seed and a number of threads."""
+
+    fold: Callable[[Any], Any]
+    make_estimator: Callable[[Any, int, int], Any]
+    boards: tuple[int, ...]  # their source numbers
+    has_laser: bool = False  # with a line of its own
+    explores: bool = False  # whether `server.explorer` can drive it
+
+
+ROBOTS: dict[str, Kind] = {
+    "crunch": Kind(crunch.Crunch, crunch.make_estimator, (channels.DRIVE, channels.SENSOR)),
+    "maze_runner": Kind(
+        maze_runner.MazeRunner, maze_runner.make_estimator, (channels.MOTOR,), has_laser=True, explores=True
+    ),
+}

@@ -1,0 +1,247 @@
+"""Exploring as a person meets it: switched on and off, simulated, recorded, replayed, and looked at again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware.virtual.maze_runner import VirtualMazeRunner
+from firmware.virtual.mazes import maze
+from server.bridge import Bridge
+from server.config import Config, load, navigation_of
+from server.control import Control, ControlParams, Refused
+from server.errors import UserError
+from server.estimator import InlineEstimator
+from server.explorer import Explorer, ExplorerParams, choose, warm_up
+from server.formats.tum import read_tum
+from server.headless import Headless
+from server.messages import Drive, Ranges, Stop
+from server.navigator import NavigatorParams
+from server.recorded import open_log
+from server.recording import Kind, Reader
+from server.replay import Options, replay, run_log
+from server.robots.kinds import LASER
+from server.robots.maze_runner import MazeRunner, MazeRunnerParams, make_estimator
+from server.session import session_of
+from server.simulate import Simulation, simulate_drive
+from server.words import AutopilotWord, DriveWord, PlainWord
+from slam.evaluate import absolute_error
+from slam.timeline import associate
+from tests.server.executors import Later
+from tests.server.rendered import rendered
+
+STEP = 0.02  # s
+SETTINGS = Config()
+PARAMS = SETTINGS.maze_runner
+
+
+class Line:
+    """A line whose time passes only when the test says so."""
+
+    speed = 1.0
+    is_connected = True
+    reconnects = 0
+    error = ""
+
+    def __init__(self, spec, write):
+        self.spec, self.tell = spec, write
+        self.time = 50.0
+
+    def now(self):
+        return self.time
+
+    def write(self, data):
+        self.tell(data)
+        return True
+
+    async def run(self, receive):
+        """Not used."""
+
+    def summary(self):
+        return {}
+
+
+class Served:
+    """All of a live session with Maze Runner but asyncio."""
+
+    def __init__(self, size="small", seed=1, autopilot=False, executor=None):
+        self.virtual = VirtualMazeRunner(maze(size, seed), seed=seed)
+        self.lines = {
+            "link0": Line("virtual:maze", self.virtual.write),
+            LASER: Line("virtual:laser", self.virtual.write_laser),
+        }
+        robot = MazeRunner(PARAMS)
+        navigation = navigation_of(SETTINGS, "maze_runner")
+        control = Control(ControlParams(), autopilot)
+        self.bridge = Bridge(robot, session_of("maze_runner", robot, PARAMS), self.lines, control, {}, navigation)
+        self.explorer = Explorer(ExplorerParams(), navigation, executor)
+        self.explorer.autopilot = autopilot
+        self.bridge.autopilot = self.explorer
+        self.bridge.estimator = InlineEstimator(lambda: make_estimator(PARAMS), self.bridge.believe)
+
+    def advance(self, seconds):
+        for _ in range(round(seconds / STEP)):
+            for line in self.lines.values():
+                line.time += STEP
+            now = self.lines["link0"].time
+            self.bridge.receive("link0", self.virtual.advance(STEP), now)
+            self.bridge.receive(LASER, self.virtual.take_laser(), now)
+            self.bridge.tick()
+
+    def drive(self, speed):
+        self.bridge.hear("ann", DriveWord(type="drive", speed=speed, turn=0.0, seen=self.bridge.robot.t))
+
+
+def test_it_explores_when_it_is_told_to_and_a_hand_on_the_stick_ends_it():
+    served = Served()
+    served.advance(1.0)
+    still = served.virtual.pose
+    assert (served.explorer.state, served.bridge.status().driver.exploring) == ("off", "off")
+    served.bridge.hear("ann", AutopilotWord(type="autopilot", on=True))
+    served.advance(8.0)
+    assert served.bridge.status().driver.exploring == "looking"
+    assert abs(served.virtual.pose[2] - still[2]) > 0.3
+    served.drive(0.1)
+    assert served.explorer.state == "off"
+    served.advance(0.1)
+    assert isinstance(served.bridge.control.wish, Drive)
+
+
+def test_it_explores_to_the_end_with_nobody_there_and_then_says_so():
+    served = Served(autopilot=True)
+    for _ in range(120):
+        served.advance(1.0)
+        if served.explorer.finished:
+            break
+    status = served.bridge.status()
+    assert (status.driver.exploring, status.driver.autopilot) == ("done", False)
+    assert served.virtual.body.bumps == 0
+    still = served.virtual.pose
+    served.advance(2.0)
+    assert served.virtual.pose == pytest.approx(still, abs=0.02)
+    assert status.map.vertices > 10
+    assert status.robot.battery_volts is not None
+    assert status.robot.powers is not None
+    assert status.robot.tilt_rad is None
+
+
+def test_a_stop_ends_it_and_it_does_not_begin_again_before_it_is_resumed():
+    served = Served(autopilot=True)
+    served.advance(3.0)
+    served.bridge.hear("bob", PlainWord(type="stop"))
+    assert served.explorer.state == "off"
+    served.advance(1.0)
+    still = served.virtual.pose
+    served.advance(1.0)
+    assert served.virtual.pose == pytest.approx(still, abs=1e-3)
+    with pytest.raises(Refused, match="Resume"):
+        served.bridge.hear("ann", AutopilotWord(type="autopilot", on=True))
+    served.bridge.hear("ann", PlainWord(type="resume"))
+    served.bridge.hear("ann", AutopilotWord(type="autopilot", on=True))
+    served.advance(2.0)
+    assert served.explorer.state == "looking"
+
+
+def test_the_radio_hears_it_no_more_often_than_a_person():
+    served = Served(autopilot=True)
+    served.advance(1.0)
+    written = []
+    write = served.lines["link0"].tell
+    served.lines["link0"].tell = lambda data: written.append(data) or write(data)
+    served.advance(20.0)
+    assert 100 < len(written) <= 230
+
+
+def test_a_choice_that_takes_long_does_not_hold_anybody_up():
+    executor = Later()
+    served = Served(executor=executor, autopilot=True)
+    served.advance(12.0)
+    assert executor.waiting
+    served.advance(2.0)
+    assert len(executor.waiting) == 1, "one at a time"
+    assert served.explorer.state == "looking"
+    executor.finish()
+    served.advance(0.1)
+    assert served.explorer.state == "driving"
+
+
+def test_walls_all_around_are_no_frontier():
+    snapshot = MazeRunner(PARAMS).snapshot()
+    assert choose(snapshot, (), None, ExplorerParams(), navigation_of(SETTINGS, "maze_runner")) is None
+    explorer = Explorer(ExplorerParams(around=0.6), NavigatorParams())
+    explorer.autopilot = True
+    said = [message for t in np.arange(0.0, 8.0, 0.1) for message in explorer.tick(float(t), lambda: snapshot)]
+    assert isinstance(said[0], Drive)
+    assert isinstance(said[-1], Stop)
+    assert explorer.progress == ("done", 0)
+    warm_up(ExplorerParams(), NavigatorParams())
+
+
+def test_it_goes_around_a_maze_along_the_wall():
+    settings = load({"explorer": {"rule": "wall"}})
+    virtual = VirtualMazeRunner(maze("small", 1), seed=1)
+    loop = Headless(virtual, 1, settings)
+    assert loop.explore(200.0).progress == ("done", 0)
+    assert virtual.body.bumps == 0
+    assert len(loop.keyframes) > 20
+    assert loop.robot.goal is None
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("maze") / "a.rlog"
+    told = simulate_drive(Simulation("maze_runner", "maze:small:1", None, 1, out), load())
+    assert "0 walls touched" in told
+    assert "not closed" not in told
+    return out
+
+
+def test_a_simulated_maze_is_recorded_with_both_its_lines_and_the_same_seed_makes_the_same_bytes(recording, tmp_path):
+    reader = Reader(recording)
+    assert reader.header.robot == "maze_runner"
+    kinds = {(record.kind, record.link_id) for record in reader}
+    assert {(Kind.RX, "link0"), (Kind.RX, LASER), (Kind.TX, "link0"), (Kind.TX, LASER), (Kind.MARK, "")} == kinds
+    simulate_drive(Simulation("maze_runner", "maze:small:1", "explore", 1, tmp_path / "b.rlog"), load())
+    again = [record[1:] for record in Reader(tmp_path / "b.rlog")]
+    assert again == [record[1:] for record in reader]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_its_recording_is_mapped_to_the_centimetre(recording, seed):
+    """One cell is like another: a loop that puts it a cell farther on is none, as the odometry cannot be so wrong."""
+    log = open_log(recording)
+    assert sum(isinstance(message, Ranges) for message in log.messages()) > 200
+    result = run_log(log, MazeRunnerParams(), seed)
+    times, truth = read_tum(recording.with_name("a.rlog.truth.tum"))
+    matches = associate(result.drive.times, times)
+    error = absolute_error(result.trajectory[matches.rows], truth[matches.reference_rows])
+    assert error.translation.rmse < 0.02
+    assert error.rotation.rmse < np.radians(1.0)
+
+
+def test_its_recording_is_replayed_and_shown_again(recording, tmp_path):
+    report = replay(recording, tmp_path / "map", Options("maze_runner"))
+    assert report.vertices > 15
+    last, cache = rendered(recording, tmp_path / "cache")
+    assert last.complete
+    assert {"pose", "local", "path", "histogram", "particles"} <= {topic for topic, _ in cache.between(0.0, 60.0)}
+
+
+@pytest.mark.parametrize(
+    ("world", "plan", "build", "remedy"),
+    [
+        ("maze:huge:1", None, "host", "write maze:medium:3"),
+        ("maze:small:x", None, "host", "write maze:medium:3"),
+        ("maze:small:1:2", None, "host", "write maze:medium:3"),
+        ("maze:1x4:2", None, "host", "two of each"),
+        ("maze:small:1", "demo", "host", "explore, frontiers, wall"),
+        ("maze:small:1", None, "avr", "leave it out"),
+    ],
+)
+def test_what_cannot_be_simulated_is_told_with_the_remedy(tmp_path, world, plan, build, remedy):
+    simulation = Simulation("maze_runner", world, plan, 1, tmp_path / "a.rlog", build=build)
+    with pytest.raises(UserError, match=remedy):
+        simulate_drive(simulation, load())
+    assert not list(tmp_path.iterdir())
