@@ -54,11 +54,14 @@ def odometry(
         crunch calibrate odometry drive.rlog
         crunch calibrate odometry monday.rlog tuesday.rlog --output robot.toml
         crunch replay wednesday.rlog --out map --config robot.toml
+        crunch calibrate odometry maze.rlog --robot maze_runner
+
+    Maze Runner's laser tells how it truly moved, so that its logs need not come back to anything.
     """
     import os
 
+    from server import laser_calibration, odometry_calibration
     from server.formats.atomic import write_atomically
-    from server.odometry_calibration import calibrate
     from server.replay import Options
 
     check_beams(beams, max_range)
@@ -66,6 +69,7 @@ def odometry(
     threads = threads or os.cpu_count() or 1
     options = Options(robot or "", seed, threads, beams, max_range, config, flags, assignments or ())
     with progress_bar("calibrating", SHARES, quiet) as bar:
+        calibrate = (laser_calibration if robot == laser_calibration.NAME else odometry_calibration).calibrate
         found = calibrate(logs, options, (lambda share: bar(round(SHARES * share))) if bar else None)
     for warning in found.warnings:
         typer.echo(f"crunch: warning: {warning}", err=True)

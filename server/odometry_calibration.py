@@ -30,7 +30,7 @@ SHORTEST = 20  # vertices of a log that can come back to anything
 NARROW = 4.0  # ratio of an interval's ends up to which a value counts as learned
 UNITS = {
     "turn_noise": "rad per root metre", "distance_noise": "m per root metre", "rotation_noise": "rad per rad",
-    "turn_bias": "rad/m",
+    "turn_bias": "rad/m", "distance": "m per root metre", "turn": "rad per root metre", "rotation": "rad per rad",
 }  # fmt: skip
 UNLIKE = 8.1  # of log likelihood for noise of its own: by chance in one log of a thousand (chi square of three degrees)
 TABLE = "crunch.filter.motion"  # of the settings
@@ -98,13 +98,14 @@ class Calibration:
     left_out: int
     gain: float
     warnings: list[str]
+    table: str = TABLE  # of the settings
 
     def toml(self) -> str:
         """A configuration file with what was learned; what was not stands in it as it was."""
         metres = sum(drive.metres for drive in self.drives)
         lines = [
             f"# Learned by `crunch calibrate odometry` from {counted(len(self.drives), 'log')}, {metres:.0f} m.",
-            f"[{TABLE}]",
+            f"[{self.table}]",
         ]
         lines += [
             f"{row.name} = {row.recommended:g}  # {UNITS[row.name]}; {row.verdict} ({row.interval})"

@@ -17,6 +17,7 @@ from server.estimator import InlineEstimator
 from server.explorer import Explorer, ExplorerParams, choose, warm_up
 from server.formats.tum import read_tum
 from server.headless import Headless
+from server.laser_calibration import calibrate
 from server.messages import Drive, Ranges, Stop
 from server.navigator import NavigatorParams
 from server.recorded import open_log
@@ -245,3 +246,15 @@ def test_what_cannot_be_simulated_is_told_with_the_remedy(tmp_path, world, plan,
     with pytest.raises(UserError, match=remedy):
         simulate_drive(simulation, load())
     assert not list(tmp_path.iterdir())
+
+
+def test_its_recording_tells_how_badly_its_motors_err(recording, tmp_path):
+    found = calibrate([recording], Options("maze_runner"))
+    assert {row.name for row in found.rows} == {"distance", "turn", "rotation"}
+    assert found.gain > 5.0, "the virtual motors err otherwise than the default thinks"
+    path = tmp_path / "robot.toml"
+    path.write_text(found.toml())
+    noise = load(file=path).maze_runner.odometry.motion.odometry
+    assert noise.distance == next(row.recommended for row in found.rows if row.name == "distance")
+    with pytest.raises(UserError, match="named twice"):
+        calibrate([recording, recording], Options("maze_runner"))
