@@ -84,6 +84,8 @@ class Workbench:
         versions = self.session.versions
         if versions:
             return f"the board speaks version {next(iter(versions.values()))} of the wire; flash it anew"
+        if self.session.refused["source"]:
+            return "a board that is none of Crunch's speaks here; Maze Runner's is seen by crunch serve --robot maze_runner"
         rejected = sum(decoder.rejected for decoder in self.session.decoders.values())
         wrong = f"{rejected} pieces of noise came: is the baud rate right?" if rejected else "is it switched on?"
         return f"no board was heard in {SILENCE:.0f} s; {wrong}"

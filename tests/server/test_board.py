@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from firmware.virtual import Radio, VirtualCrunch
+from firmware.virtual import Radio, VirtualCrunch, VirtualMazeRunner
 from firmware.virtual.avr import AvrCrunch
 from firmware.virtual.host import HostCrunch
+from firmware.virtual.mazes import maze
 from firmware.virtual.serve import serve_pty, serve_tcp
 from server import __main__ as command
 from server import flash
@@ -124,6 +125,12 @@ def test_a_board_that_is_not_there_is_told():
             pass
 
     assert "does not answer" in errands_done(Silence(), both("store")).failure
+
+
+def test_the_board_of_another_robot_is_told_as_such(capsys, monkeypatch):
+    monkeypatch.setattr("server.workbench.SILENCE", 1.0)
+    with served(VirtualMazeRunner(maze("small", 0))) as address:
+        assert_mendable(crunch(capsys, "board", address, "--seconds", "1"), "--robot maze_runner")
 
 
 def test_a_virtual_robot_is_looked_at_and_adjusted(capsys):
