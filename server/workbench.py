@@ -85,7 +85,7 @@ class Workbench:
         if versions:
             return f"the board speaks version {next(iter(versions.values()))} of the wire; flash it anew"
         if self.session.refused["source"]:
-            return "a board that is none of Crunch's speaks here; Maze Runner's is seen by crunch serve --robot maze_runner"
+            return "a board that is none of Crunch's speaks here; for Maze Runner's: crunch serve --robot maze_runner"
         rejected = sum(decoder.rejected for decoder in self.session.decoders.values())
         wrong = f"{rejected} pieces of noise came: is the baud rate right?" if rejected else "is it switched on?"
         return f"no board was heard in {SILENCE:.0f} s; {wrong}"
