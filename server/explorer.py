@@ -17,7 +17,7 @@ from pydantic import Field
 
 from server.messages import Drive, Goal, Message, Snapshot, Stop
 from server.navigator import NavigatorParams, floor_of
-from slam.cost_grid import cost_grid
+from slam.cost_grid import CostGrid, cost_grid
 from slam.frontiers import Frontier, FrontierParams, frontiers
 from slam.params import Params
 from slam.planning import NoWay, let_out, plan
@@ -183,23 +183,25 @@ def choose(
 ) -> Choice | None:  # fmt: skip
     """The frontier to drive to, and the way; None where none is left but those `left_alone`."""
     start = snapshot.pose[:2]
-    floor = floor_of(snapshot, start, navigation.cost)
+    for cost in (navigation.cost, navigation.tight_cost()):  # the map is never exact, and may close doors
+        floor = floor_of(snapshot, start, cost)
+        try:
+            found = frontiers(floor, start, params.frontier)
+        except NoWay:  # walls all around: what stands so near may be gone after another look
+            continue
+        known = [each for each in found if all(math.dist(each.place, place) > params.same for place in left_alone)]
+        if known:
+            chosen = kept(known, target, params) or known[0]
+            return Choice(chosen, way_to(floor, start, chosen.place))
+    return None
+
+
+def way_to(floor: CostGrid, start: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Places (n, 2) to pass; none where there is no way."""
     try:
-        all_of_them = frontiers(floor, start, params.frontier)
-    except NoWay:  # walls all around: what stands so near may be gone after another look
-        return None
-    known = [
-        frontier
-        for frontier in all_of_them
-        if all(math.dist(frontier.place, place) > params.same for place in left_alone)
-    ]
-    if not known:
-        return None
-    chosen = kept(known, target, params) or known[0]
-    try:
-        return Choice(chosen, plan(let_out(floor, start), start, chosen.place).places)
+        return plan(let_out(floor, start), start, place).places
     except NoWay:
-        return Choice(chosen, np.empty((0, 2)))
+        return np.empty((0, 2))
 
 
 def kept(known: list[Frontier], target: np.ndarray | None, params: ExplorerParams) -> Frontier | None:

@@ -20,11 +20,12 @@ from slam.refined_filter import (
     correction_by,
 )
 from slam.refinement import Beat
-from slam.scan_graph import ScanGraph, ScanGraphParams
+from slam.scan_graph import ScanGraph, ScanGraphParams, no_edges
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
 QUICK = 1  # round of a quick refinement
+FOLDED = 0.01  # by which the share of ends that agree falls where loops fold a map
 
 
 class RefinedGridFilter:
@@ -76,9 +77,25 @@ class RefinedGridFilter:
         is_fresh = not is_quick or self.correction is None
         start = before if is_fresh or self.correction is None else corrected(self.correction, before)
         graph = ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params)
-        after = graph.refine(start, None if is_fresh else QUICK, beat)
+        after = self.chosen(graph, graph.refine(start, None if is_fresh else QUICK, beat), before)
         self.correction = correction_by(graph.covariances(after), before, after)
         self.n_refined, self.is_quick = len(self.odometry), not is_fresh
+
+    def chosen(self, graph: ScanGraph, refined: np.ndarray, filtered: np.ndarray) -> np.ndarray:
+        """The refined path (n, 3), unless its loops fold the map: then the odometry's, or the filter's.
+
+        Loops that agree with one another may all be wrong, where one room is like the next; then scans that the folded
+        path puts side by side see through each other's walls, and did not before.
+        """
+        if not len(graph.loops.pairs):
+            return refined
+        ways = (refined, np.array(self.odometry), filtered)
+        shares = [graph.agreement_along(path) for path in ways]
+        best = int(np.argmax(shares))
+        if shares[best] - shares[0] < FOLDED:
+            return refined
+        graph.loops = no_edges()
+        return ways[best]
 
     def prepare(self) -> None:
         """Compile or load every kernel that any call needs, so that the first takes no longer than others."""

@@ -60,10 +60,17 @@ def agreement(scan: Scan, other: Scan, pose: np.ndarray, params: AgreementParams
 
     `pose` (3,) is that of `scan` in the frame of `other`.
     """
-    agree, through = compare_views(scan, other, np.asarray(pose, float), params.near, params.far)
-    agreed, throughs = compare_views(other, scan, inverse(pose), params.near, params.far)
+    (agree, through), (agreed, throughs) = views_of(scan, other, pose, params)
     overlap = min(agree / max(1, len(scan.points)), agreed / max(1, len(other.points)))
     return (agree + agreed) / max(1, agree + agreed + through + throughs), overlap
+
+
+def views_of(
+    scan: Scan, other: Scan, pose: np.ndarray, params: AgreementParams
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """How many ends of a scan at `pose` (3,) of the other's frame agree, and see through it; and of the other's."""
+    there = compare_views(scan, other, np.asarray(pose, float), params.near, params.far)
+    return there, compare_views(other, scan, inverse(pose), params.near, params.far)
 
 
 def do_agree(scan: Scan, other: Scan, pose: np.ndarray, params: AgreementParams) -> bool:

@@ -22,13 +22,14 @@ from slam.pose import between
 from slam.pose_covariance import Covariances
 from slam.pose_graph import Border, LoopEdges, NormalEquations, Terms, descend
 from slam.refinement import Beat
-from slam.scan_agreement import AgreementParams, do_agree
+from slam.scan_agreement import AgreementParams, do_agree, views_of
 from slam.scan_matching import ScanMatchingParams, match_scans
 from slam.wall_matching import near_pairs
 
 SURE = 3.0  # standard deviations of the odometry's drift that ends and walls may be apart
 NONE = np.zeros(0)  # of the unknowns that all vertices share
 LEAST_TURN = 0.05  # rad that a scan may be turned, however short the way was,
+WITNESSES = 12  # earlier scans that tell whether a scan stands right, the nearest first
 NARROWEST = 0.2  # and m that it may be moved,
 MOST_TURN = 0.35  # and rad that it may be turned: well below a right angle, by which rooms are alike
 
@@ -121,6 +122,18 @@ class ScanGraph:
         parts = [edges.terms(poses) for edges in (self.chain, self.loops)]
         terms = Terms(*(np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)))
         return sum(part[0] for part in parts), terms, Border.zeros(len(poses), shared.size)
+
+    def agreement_along(self, path: np.ndarray) -> float:
+        """The share of ends that agree, of those that speak, over all scans that a path (n, 3) puts near each other."""
+        params = self.params
+        pairs = np.empty((len(path) * WITNESSES, 2), np.int64)
+        pairs = pairs[: near_pairs(path, params.last_range, WITNESSES, 1, pairs)]
+        agree, through = 0, 0
+        for first, second in pairs:
+            pose = between(path[first], path[second])
+            for counts in views_of(self.scans[second], self.scans[first], pose, params.agreement):
+                agree, through = agree + counts[0], through + counts[1]
+        return agree / max(1, agree + through)
 
     def covariances(self, path: np.ndarray) -> Covariances:
         """How certain the poses of a path (n, 3) are that came of the last round."""
