@@ -7,10 +7,42 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from bench.basin import DEGREES, METHODS, METRES, WORLDS, held_of
+from bench.basin import MAZES as IN_MAZES
 from bench.claims.plots import WAYS, panel, picture
+from bench.maze import NEAR
 from bench.maze_turns import MAZES, RATES
 from bench.maze_turns import WAYS as TURNING
 from bench.result import Result
+
+LOGS = [world for world in WORLDS if world != IN_MAZES]
+BRIGHT = 60.0  # per cent from which on a cell's number is dark
+OFF = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # m, on the axis of walls that are off
+
+
+def basin(result: Result) -> Figure:
+    """The share of pairs that each way aligns, over how far and how turned its guess was; mazes above real logs."""
+    figure = picture(len(METHODS), 2)
+    parts = {row.name: row.records for row in result.rows}
+    for line, (title, worlds) in enumerate({"mazes": [IN_MAZES], "real logs": LOGS}.items()):
+        for column, method in enumerate(METHODS):
+            axes = panel(figure, line, column, f"{title}: {method}")
+            axes.grid(visible=False)
+            axes.set(xticks=range(len(METRES)), xticklabels=[f"{metres:g}" for metres in METRES])
+            axes.set(yticks=range(len(DEGREES)), yticklabels=[f"{degrees:g}" for degrees in DEGREES])
+            records = [each for world in worlds for each in parts.get(f"{world}, {method}", [])]
+            if not records:
+                continue
+            shares = 100.0 * held_of(records)
+            axes.imshow(shares, cmap="viridis", vmin=0.0, vmax=100.0, origin="lower", aspect="auto")
+            for (row, place), percent in np.ndenumerate(shares):
+                colour = "white" if percent < BRIGHT else "black"
+                axes.text(place, row, f"{percent:.0f}", color=colour, fontsize=6.5, ha="center", va="center")
+    for axes in figure.axes[len(METHODS) :]:
+        axes.set_xlabel("guess off (m)")
+    for axes in figure.axes[:: len(METHODS)]:
+        axes.set_ylabel("turned (degrees)")
+    return figure
 
 
 def laser_memory(result: Result) -> Figure:
@@ -49,9 +81,11 @@ def maze_turns(result: Result) -> Figure:
     """How far walls are off against the rate that was wanted, in mazes of each size, every maze a dot."""
     figure = picture(len(MAZES), 2)
     rows = {row.name: row.records for row in result.rows}
-    for line, (key, title) in enumerate((("worst", "worst piece of wall off (m)"), ("median", "walls off (m)"))):
+    for line, (key, title) in enumerate(
+        (("worst", "worst piece of wall off (m)"), ("median", "walls off, median (m)"))
+    ):
         for column, size in enumerate(MAZES):
-            axes = panel(figure, line, column, f"{size} mazes: {title}")
+            axes = panel(figure, line, column, f"{size}: {title}")
             axes.set(xscale="log", xticks=RATES, xticklabels=[f"{rate:g}" for rate in RATES], xlim=(0.25, 4.8))
             for (colour, mark), way in zip(WAYS, TURNING, strict=False):
                 found = {rate: rows.get(f"{size}, {rate:g} rad/s, {way}", []) for rate in RATES}
@@ -62,10 +96,13 @@ def maze_turns(result: Result) -> Figure:
                 axes.plot(list(seen), [float(np.median(each)) for each in seen.values()], mark, color=colour, label=way)
                 for rate, each in seen.items():
                     axes.plot([rate] * len(each), each, ".", color=colour, markersize=2.0)
-                axes.set_yscale("log")
             told(axes)
-            axes.yaxis.set_minor_formatter("{x:g}")
+    for axes in figure.axes[: len(MAZES)]:
+        axes.axhline(NEAR, color="#999999", linewidth=1.0, label="right up to here")
+        axes.set(yscale="log", ylim=(0.02, 3.0), yticks=OFF, yticklabels=OFF)
+        axes.yaxis.set_minor_locator(NullLocator())
     for axes in figure.axes[len(MAZES) :]:
         axes.set_xlabel("turn rate wanted (rad/s)")
+        axes.set_ylim(bottom=0.0)
     figure.axes[0].legend(loc="upper left")
     return figure

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from bench.beams import BEAMS, PUBLISHED
 from bench.calibration import DRIVES, VIEWS
 from bench.claims.plots import STYLE, WAYS, panel, picture
-from bench.laser_pictures import laser_memory, maze_turns
+from bench.laser_pictures import basin, laser_memory, maze_turns
 from bench.recordings import CACHE, ROOT
 from bench.result import Result, Results
 from server.formats.carmen import FLASER_MAX_RANGE
@@ -98,6 +98,7 @@ def beams(result: Result) -> Figure:
 
 
 PICTURES: dict[str, Callable[[Result], Figure]] = {
+    "basin": basin,
     "beams": beams,
     "calibration": calibration,
     "laser-memory": laser_memory,
