@@ -3,8 +3,9 @@
 A guess is off by so many metres in a random direction and so many degrees to a random side, or by both; the alignment
 holds where it ends within 0.05 m and 2 degrees of the truth. Searches are those of `slam.scan_motion`, which are made
 where the scans cannot both be true as ICP, point to line, lays them: within what the laser's odometry without any other
-thinks possible (0.3 m and 26 degrees), or widely (1 m and 60 degrees). `bench.alignments` has the ways, and says what the truth
-is: that of a simulation in mazes, one of our own making in logs. A seed is another maze, or other pairs of a log.
+thinks possible (0.3 m and 26 degrees), or widely (1 m and 60 degrees). `bench.alignments` has the ways, and says what
+the truth is: that of a simulation in mazes, one of our own making in logs. A seed is another maze, or other pairs of a
+log.
 """
 
 from __future__ import annotations
