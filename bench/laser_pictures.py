@@ -62,7 +62,7 @@ def laser_memory(result: Result) -> Figure:
         axes.plot(particles, grown, ":", color="#999999", label="in proportion")
         axes.set(xscale="log", yscale="log", xlabel="particles", xticks=particles, xticklabels=particles)
         told(axes)
-        axes.legend(loc="upper left")
+        axes.legend()
     return figure
 
 

@@ -64,6 +64,6 @@ BENCH = Bench(
         Column("not right", failed("right")),
     ),
     seeds=10,
-    minutes=60,
+    minutes=40,
     heading="maze, rate wanted, how",
 )
