@@ -99,8 +99,9 @@ def maze_turns(result: Result) -> Figure:
             told(axes)
     for axes in figure.axes[: len(MAZES)]:
         axes.axhline(NEAR, color="#999999", linewidth=1.0, label="right up to here")
-        axes.set(yscale="log", ylim=(0.02, 3.0), yticks=OFF, yticklabels=OFF)
+        axes.set(yscale="log", yticks=OFF, yticklabels=OFF)
         axes.yaxis.set_minor_locator(NullLocator())
+        axes.set_ylim(bottom=OFF[0])
     for axes in figure.axes[len(MAZES) :]:
         axes.set_xlabel("turn rate wanted (rad/s)")
         axes.set_ylim(bottom=0.0)
