@@ -21,11 +21,12 @@ from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.mazes import CELL, SIZES, maze
 from server import config
 from server.headless import Headless
-from slam.pose import inverse, transform
+from slam.pose import inverse, transform, wrap
 
 NEAR = 0.2  # m
 SEEN = 0.95  # of the true walls
 LONGEST = 900.0  # s
+SWEEP = 0.1  # s that the laser takes
 SPACING = 0.03  # m between points of the true walls
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "": {},
@@ -37,7 +38,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
 
 
 class Case(NamedTuple):
-    """A size of maze, how bad motors and floor are, and the robot's settings."""
+    """A size of maze, how bad motors and floor are, and the settings of robot and explorer, as in config.toml."""
 
     size: str
     drift: Drift
@@ -45,7 +46,7 @@ class Case(NamedTuple):
 
 
 CASES = {
-    ", ".join(filter(None, (size, variant))): Case(size, "medium", settings)
+    ", ".join(filter(None, (size, variant))): Case(size, "medium", {"maze_runner": settings})
     for variant, settings in VARIANTS.items()
     for size in SIZES
 } | {"medium, drift high": Case("medium", "high", {})}
@@ -53,7 +54,7 @@ CASES = {
 
 def run(case: Case, seed: int) -> Record:
     """One maze."""
-    settings = config.load({"maze_runner": case.settings})
+    settings = config.load(case.settings)
     world = maze(case.size, seed)
     virtual = VirtualMazeRunner(world, seed=seed, drift=case.drift)
     loop, start = Headless(virtual, seed, settings), virtual.pose
@@ -76,7 +77,14 @@ def run(case: Case, seed: int) -> Record:
         "seconds": virtual.time,
         "metres": body.distance,
         "vertices": len(loop.keyframes),
+        "turned": fast_turns(*virtual.truth()),
     }
+
+
+def fast_turns(times: np.ndarray, poses: np.ndarray) -> float:
+    """The 99th percentile of the rates (rad/s) at which a robot at poses (n, 3) at times (n,) turned during sweeps."""
+    rows = np.arange(0, len(times), max(1, round(SWEEP / float(times[1] - times[0]))))
+    return float(np.quantile(np.abs(wrap(np.diff(poses[rows, 2]))) / np.diff(times[rows]), 0.99))
 
 
 def visible(size: str, seed: int) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The README's pictures of benchmarks, drawn from the results that `crunch bench` kept.
 
-python -m bench.pictures [beams calibration scale] [--results build/bench] [--out docs/images]
+python -m bench.pictures [NAME...] [--results build/bench] [--out docs/images]
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from bench.beams import BEAMS, PUBLISHED
 from bench.calibration import DRIVES, VIEWS
 from bench.claims.plots import STYLE, WAYS, panel, picture
+from bench.laser_pictures import basin, laser_memory, maze_turns
 from bench.recordings import CACHE, ROOT
 from bench.result import Result, Results
 from server.formats.carmen import FLASER_MAX_RANGE
@@ -96,7 +97,15 @@ def beams(result: Result) -> Figure:
     return figure
 
 
-PICTURES: dict[str, Callable[[Result], Figure]] = {"beams": beams, "calibration": calibration, "scale": scale}
+PICTURES: dict[str, Callable[[Result], Figure]] = {
+    "basin": basin,
+    "beams": beams,
+    "calibration": calibration,
+    "laser-memory": laser_memory,
+    "maze-turns": maze_turns,
+    "scale": scale,
+}
+FILES = {"maze-turns": "turn-rate"}  # those that are not called as the benchmark is
 
 
 def main() -> None:
@@ -110,8 +119,9 @@ def main() -> None:
     for name in wanted.names:
         result = Results.read(wanted.results / f"{name}.json").results[name]
         with matplotlib.rc_context(STYLE):
-            PICTURES[name](result).savefig(wanted.out / f"{name}.png", metadata={"Software": None})
-        print(wanted.out / f"{name}.png")
+            path = wanted.out / f"{FILES.get(name, name)}.png"
+            PICTURES[name](result).savefig(path, metadata={"Software": None})
+        print(path)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from server.formats.logs import Log
 from server.formats.ros_map import write_ros_map
 from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
-from server.mapping import Drive, RobotParams, mapper_of, odometry_noise, row_at, senses_of, with_sensors
+from server.mapping import Drive, Mapper, RobotParams, mapper_of, odometry_noise, row_at, senses_of, with_sensors
 from server.messages import Keyframe, Message, Motors, Odometry, Ranges, Wheels
 from server.recorded import open_log
 from server.report import Certainty, Choice, Report, describe_machine, peak_rss_mb
@@ -80,7 +80,11 @@ def run_log(log: Log, params: RobotParams, seed: int = 0, threads: int = 1, prog
     """
     params = with_sensors(params, log)
     warm_up(params, threads)
-    mapper = mapper_of(params, seed, threads)
+    return run_mapper(log, mapper_of(params, seed, threads), progress)
+
+
+def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Result:
+    """Map a log in memory with a mapper that is made for it; its kernels are compiled on the way unless they are."""
     started = time.perf_counter()
     spent = 0.0
 
@@ -161,13 +165,14 @@ def warm_up(params: RobotParams, threads: int) -> None:
 
 
 def rehearsal(params: RobotParams) -> Log:
-    """A log of a few steps there and back, in which all sensors see walls."""
+    """A log of a few steps there and back, in which all sensors see walls; the last are nearer, as if it were lost."""
     sensors = senses_of(params)
     messages: list[Message] = []
     for step in range(8):
+        near = 0.5 if step < 7 else 0.25
         messages.append(Odometry(float(step), params.vertex_spacing * (step % 3), 0.0, 0.0))
         for name, (n_ranges, max_range) in sensors.items():
-            messages.append(Ranges(float(step), name, np.full(n_ranges, 0.5 * max_range)))
+            messages.append(Ranges(float(step), name, np.full(n_ranges, near * max_range)))
     return Log(Path("rehearsal"), "rehearsal", "", lambda _: iter(messages), None, n_odometry=8)
 
 
