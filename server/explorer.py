@@ -21,10 +21,12 @@ from slam.cost_grid import CostGrid, cost_grid
 from slam.frontiers import Frontier, FrontierParams, frontiers
 from slam.params import Params
 from slam.planning import NoWay, let_out, plan
+from slam.pose import wrap
 from slam.wall_following import Lap, WallFollowingParams, follow
 from slam.walls import Walls
 
 REPEAT = 0.1  # s between two words to a robot that turns or follows a wall
+LONGER = 2.0  # times as long as a look around should take
 
 State = Literal["off", "looking", "driving", "following", "done"]
 Look = Callable[[], Snapshot]
@@ -71,12 +73,13 @@ class Explorer:
         """Nothing of what was holds any more: another session, or somebody switches it on again."""
         self.state: State = "off"
         self.told = self.checked = -math.inf  # when it spoke last, and looked at the map last
-        self.looked_until = -math.inf  # of the look around
+        self.looked_until = -math.inf  # of the look around, at the latest,
+        self.turned, self.heading = 0.0, 0.0  # rad, so far; and where it looked last
         self.has_looked = False  # since it last drove
         self.target: np.ndarray | None = None
         self.nearest, self.gained = math.inf, 0.0  # m to the target at the best, and when
         self.left_alone: list[np.ndarray] = []
-        self.work: Future[Choice | None] | None = None
+        self.work: tuple[Future[Choice | None], Snapshot] | None = None  # under way, and what it looks at
         self.lap = Lap(self.params.wall)
 
     @property
@@ -109,26 +112,27 @@ class Explorer:
         if self.state == "following":
             return self.follow(t, look) if t - self.told >= REPEAT else []
         if self.looked_until == -math.inf:
-            self.look_around(t)
-        if t < self.looked_until:
-            return self.turn_on(t)
+            self.look_around(t, look())
+        if t < self.looked_until and self.turned < self.params.around:
+            return self.turn_on(t, look) if t - self.told >= REPEAT else []
         if self.work is not None:
-            return self.take(self.work, t) if self.work.done() else []
+            return self.take(*self.work, t) if self.work[0].done() else []
         if t - self.checked < self.params.period:
             return []
         self.checked = t
         return self.watch(t, look())
 
-    def look_around(self, t: float) -> None:
-        """Turn once about, for the laser does not see what is behind."""
-        self.state, self.target = "looking", None
-        self.looked_until, self.has_looked = t + self.params.around / self.params.turn, True
+    def look_around(self, t: float, snapshot: Snapshot) -> None:
+        """Turn once about, for the laser does not see what is behind; no longer than a robot half as fast would."""
+        self.state, self.target, self.has_looked = "looking", None, True
+        self.looked_until = t + LONGER * self.params.around / self.params.turn
+        self.turned, self.heading = 0.0, float(snapshot.pose[2])
 
-    def turn_on(self, t: float) -> list[Message]:
-        """Another word of the look around, if it is due."""
-        if t - self.told < REPEAT:
-            return []
-        self.told = t
+    def turn_on(self, t: float, look: Look) -> list[Message]:
+        """Another word of the look around."""
+        self.told, heading = t, float(look().pose[2])
+        self.turned += float(wrap(heading - self.heading))
+        self.heading = heading
         return [Drive(t, 0.0, self.params.turn)]
 
     def follow(self, t: float, look: Look) -> list[Message]:
@@ -146,21 +150,21 @@ class Explorer:
         """Choose the next frontier, here or in the thread."""
         arguments = snapshot, tuple(self.left_alone), self.target, self.params, self.navigation
         if self.executor is None:
-            return self.drive_to(choose(*arguments), t)
-        self.work = self.executor.submit(choose, *arguments)
+            return self.drive_to(choose(*arguments), t, snapshot)
+        self.work = self.executor.submit(choose, *arguments), snapshot
         return []
 
-    def take(self, work: Future[Choice | None], t: float) -> list[Message]:
+    def take(self, work: Future[Choice | None], snapshot: Snapshot, t: float) -> list[Message]:
         """The choice is there."""
         self.work = None
-        return self.drive_to(work.result(), t)
+        return self.drive_to(work.result(), t, snapshot)
 
-    def drive_to(self, choice: Choice | None, t: float) -> list[Message]:
+    def drive_to(self, choice: Choice | None, t: float, snapshot: Snapshot) -> list[Message]:
         """The next goal; none is left where all is known that can be reached."""
         if choice is None:
             if not self.has_looked:
-                self.look_around(t)
-                return self.turn_on(t)
+                self.look_around(t, snapshot)
+                return []
             self.state = "done"
             return [Stop(t)]
         frontier, places = choice
