@@ -35,6 +35,7 @@ class Mice:
         self.began: float | None = None  # s, the step,
         self.start = np.zeros(3)  # from this pose,
         self.start_by_motors = np.zeros(3)  # which is this one by the motors
+        self.was_sound = True  # the step before: while one is short, nothing else tells whether it will be
         self.steps = self.filled_in = 0
         self.left_out = np.zeros(n, int)  # steps, of each mouse
 
@@ -53,18 +54,26 @@ class Mice:
     def step(self, t: float, by_motors: np.ndarray) -> np.ndarray:
         """The pose (3,) at a time (s) at which the motors' odometry is `by_motors` (3,)."""
         if self.began is None:
-            self.began, self.start_by_motors = t, by_motors
+            self.begin(t, by_motors)
+            return self.pose
         driven = between(self.start_by_motors, by_motors)
         told = self.odometry.step(self.counts, self.seen(t))
         is_sound = told.is_sound and self.is_likely(told.motion, driven)
-        self.pose = compose(self.start, chord_of(told.motion) if is_sound else driven)
-        if not 0.0 <= t - self.began < STEP:
+        is_whole = not 0.0 <= t - self.began < STEP
+        is_trusted = is_sound and (is_whole or self.was_sound)
+        self.pose = compose(self.start, chord_of(told.motion) if is_trusted else driven)
+        if is_whole:
+            self.was_sound = is_sound
             self.steps += 1
             self.filled_in += not is_sound
             self.left_out += ~told.believed
-            self.began, self.start, self.start_by_motors = t, self.pose, by_motors
-            self.counts, self.is_broken = np.zeros_like(self.counts), np.zeros_like(self.is_broken)
+            self.begin(t, by_motors)
         return self.pose
+
+    def begin(self, t: float, by_motors: np.ndarray) -> None:
+        """A step begins here; what was counted before is no part of it."""
+        self.began, self.start, self.start_by_motors = t, self.pose, by_motors
+        self.counts, self.is_broken = np.zeros_like(self.counts), np.zeros_like(self.is_broken)
 
     def seen(self, t: float) -> np.ndarray:
         """Which mice (mice,) are to be asked: all where none counts, for then the robot may stand."""
