@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from server.config import Config, ConfigError, load
+from server.errors import UserError
+from server.live import LiveOptions, check_mouse_lines
 from server.messages import Motors, MouseCounts
 from server.robots.maze_runner import MazeRunner, MazeRunnerParams
 from server.robots.mice import PATIENCE, STEP, Mice
@@ -130,3 +133,31 @@ def test_without_mice_in_the_settings_their_counts_change_nothing():
         robot.step(Motors(step * TICK, 0.3, 0.3, 11.4, "driving", "none", 0))
     assert robot.odometry == pytest.approx(robot.reckoning.pose)
     assert robot.snapshot().mice is None
+
+
+def options_with(mice: int) -> LiveOptions:
+    """Options of a robot whose settings tell where so many mice sit."""
+    places = {"mice": {"mice": [{"x": 0.1 * number} for number in range(mice)]}} if mice else {}
+    return LiveOptions(load({"maze_runner": places}), "maze_runner")
+
+
+@pytest.mark.parametrize(
+    ("given", "known", "remedy"),
+    [(2, 0, "where 0 sit"), (0, 2, "given 0 times"), (1, 2, "where 2 sit"), (9, 2, "give 8 at most")],
+)
+def test_mice_are_served_only_where_the_settings_tell_where_they_sit(given, known, remedy):
+    with pytest.raises(UserError, match=remedy):
+        check_mouse_lines(options_with(known), given)
+
+
+def test_as_many_mice_as_the_settings_tell_of_are_served():
+    check_mouse_lines(options_with(2), 2)
+    check_mouse_lines(options_with(0), 0)
+    check_mouse_lines(LiveOptions(Config(), "crunch"), 0)
+    with pytest.raises(UserError, match="leave out --mouse"):
+        check_mouse_lines(LiveOptions(Config(), "crunch"), 1)
+
+
+def test_a_misspelt_key_of_the_mice_is_named_with_the_nearest():
+    with pytest.raises(ConfigError, match=r"maze_runner\.mice\.gaet.*did you mean `maze_runner\.mice\.gate`"):
+        load(assignments=["maze_runner.mice.gaet=2.0"])
