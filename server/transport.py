@@ -434,7 +434,7 @@ async def open_mouse(place: str) -> Streams:
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()
     protocol = asyncio.StreamReaderProtocol(reader)
-    device = open(os.open(place, os.O_RDONLY | os.O_NONBLOCK), "rb", buffering=0)  # noqa: SIM115 (the transport's)
+    device = open(os.open(place, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY), "rb", buffering=0)  # noqa: SIM115 (the transport's)
     try:
         transport, _ = await loop.connect_read_pipe(lambda: protocol, device)
     except ValueError:

@@ -1,8 +1,10 @@
 import asyncio
 import contextlib
 import os
+import pty
 import socket
 import time
+import tty
 
 import numpy as np
 import pytest
@@ -412,6 +414,26 @@ def test_a_mouse_is_only_heard_and_survives_that_it_is_pulled_out(tmp_path):
     heard, summary = asyncio.run(scene())
     assert heard == bytes([8, 0, 0, 8, 1, 0, 8, 2, 0])
     assert (summary["received"], summary["sent"], summary["dropped"], summary["reconnects"]) == (9, 0, 3, 2)
+
+
+def test_a_mouse_s_character_device_that_fails_is_survived():
+    """A raw pseudo-terminal is one; reading it fails once its other end is closed, as when a mouse is pulled out."""
+
+    async def scene():
+        ear = Ear()
+        master, slave = pty.openpty()
+        tty.setraw(slave)
+        link = open_link(f"mouse:{os.ttyname(slave)}", QUICK)
+        async with running(link, ear):
+            await until(lambda: link.is_connected)
+            os.close(slave)
+            os.write(master, bytes([0x18, 0xFE, 3]))
+            await until(lambda: len(ear.data) == 3)
+            os.close(master)
+            await until(lambda: link.error)
+        return ear.data
+
+    assert asyncio.run(scene()) == bytes([0x18, 0xFE, 3])
 
 
 def test_a_file_is_no_mouse(tmp_path):
