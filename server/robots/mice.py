@@ -1,8 +1,8 @@
 """Maze Runner's odometry from optical mice that look at the floor, and from its motors where the mice are not sound.
 
-Counts are gathered over a step, for what a mouse tells within one packet is too little to be judged. Whoever was not
-heard lately is left out; where all tell much less than the motors drove, all look at a floor that they do not see, or
-at none, and the motors are believed.
+Counts are gathered over a step, for what a mouse tells within one packet is too little to be judged, and some come
+late. Whoever was not heard lately is left out; where all tell much less than the motors drove, all look at a floor that
+they do not see, or at none, and the motors are believed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from server.messages import MiceHealth, MouseCounts
 from slam.mouse_odometry import MouseOdometry, MouseOdometryParams
 from slam.pose import between, compose
 
-STEP = 0.1  # s over which counts are gathered and judged
+STEP = 0.1  # s over which counts are gathered and judged,
+LONGEST = 0.2  # and until which a step that is not sound waits for counts that came late
 PATIENCE = 0.3  # s after which a mouse that says nothing, while others count, is left out
 DRIVEN = 0.006  # m that the motors say a mouse has gone in a step, from which on it should have counted,
 LEAST = 0.4  # and the least share of them that is believed
@@ -30,7 +31,7 @@ class Mice:
         n = len(params.mice)
         self.pose = np.zeros(3)
         self.counts = np.zeros((n, 2))  # since the step began
-        self.is_broken = np.zeros(n, bool)  # some of the counts were lost
+        self.is_broken = np.zeros(n, bool)  # some of the step's counts were lost
         self.heard = np.full(n, -math.inf)
         self.began: float | None = None  # s, the step,
         self.start = np.zeros(3)  # from this pose,
@@ -59,7 +60,7 @@ class Mice:
         driven = between(self.start_by_motors, by_motors)
         told = self.odometry.step(self.counts, self.seen(t))
         is_sound = told.is_sound and self.is_likely(told.motion, driven)
-        is_whole = not 0.0 <= t - self.began < STEP
+        is_whole = not 0.0 <= t - self.began < (STEP if is_sound else LONGEST)
         is_trusted = is_sound and (is_whole or self.was_sound)
         self.pose = compose(self.start, chord_of(told.motion) if is_trusted else driven)
         if is_whole:
@@ -71,9 +72,11 @@ class Mice:
         return self.pose
 
     def begin(self, t: float, by_motors: np.ndarray) -> None:
-        """A step begins here; what was counted before is no part of it."""
+        """A step begins here; what was counted before is no part of it, nor a mouse that comes back within it."""
         self.began, self.start, self.start_by_motors = t, self.pose, by_motors
-        self.counts, self.is_broken = np.zeros_like(self.counts), np.zeros_like(self.is_broken)
+        self.counts = np.zeros_like(self.counts)
+        silent = t - self.heard >= PATIENCE
+        self.is_broken = silent & ~np.all(silent)  # all are where the robot stands
 
     def seen(self, t: float) -> np.ndarray:
         """Which mice (mice,) are to be asked: all where none counts, for then the robot may stand."""

@@ -111,6 +111,20 @@ def test_where_all_mice_are_fooled_the_motors_fill_in_and_that_is_told():
     assert drive.robot.snapshot().mice == drive.health
 
 
+def test_counts_that_come_late_are_waited_for():
+    """A third of the reads find nothing, and the next finds twice as much, mouse by mouse."""
+    errors = []
+    for seed in range(5):
+        drive, rng = Odometer(2, seed), np.random.default_rng(seed)
+        take = drive.virtual.take_mouse
+        drive.virtual.take_mouse = lambda number, rng=rng, take=take: b"" if rng.random() < 0.3 else take(number)
+        drive.drive(3)
+        assert drive.health.filled_in <= 0.02 * drive.health.steps
+        errors.append([drive.errors(drive.robot.odometry)[0], drive.errors(drive.robot.reckoning.pose)[0]])
+    mice, motors = np.median(errors, axis=0)
+    assert mice < 0.25 * motors
+
+
 @pytest.mark.parametrize("gone", [(1,), (0, 1)])
 def test_mice_that_vanish_on_the_way_and_come_back_are_survived(gone):
     drive = Odometer(2, 3)
