@@ -82,6 +82,8 @@ WORLD = "A built-in world (demo, corridor50, maze:medium:3) or a file: TOML, CAR
 LASER = "The line of a laser that speaks SCIP 2.0, in the same forms."
 PLAN = "A built-in drive plan (demo, corridor50) or a TOML file."
 DRIFT = "How badly odometry errs: none, low, medium or high."
+MOUSE = "The line of an optical mouse on the floor, mouse:/dev/input/mouse0; repeatable."
+MICE = "Optical mice that Maze Runner has under it, 8 at most."
 LINK = "serial:DEVICE[?baud=38400], tcp://HOST:PORT or pty:PATH; repeatable."
 
 
@@ -104,6 +106,7 @@ def demo(
     drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     speed: Annotated[float, typer.Option(min=0.1, max=100.0, help="Times real time.")] = 1.0,
     avr: Avr = False,
+    mice: Annotated[int, typer.Option(min=0, help=MICE)] = 0,
     seed: Seed = 0,
     threads: LiveThreads = 1,
     recordings: Recordings = Path("recordings"),
@@ -129,7 +132,7 @@ def demo(
 
     options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
-    raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed, build_of(avr)))
+    raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed, build_of(avr), mice))
 
 
 @app.command()
@@ -137,6 +140,7 @@ def serve(
     links: Annotated[list[str] | None, typer.Option("--link", metavar="LINK", help=LINK)] = None,
     robot: OneRobot = "crunch",
     laser: Annotated[str | None, typer.Option("--laser", metavar="LINK", help=LASER)] = None,
+    mice: Annotated[list[str] | None, typer.Option("--mouse", metavar="LINK", help=MOUSE)] = None,
     autopilot: Annotated[
         bool, typer.Option("--autopilot", help="Maze Runner explores by itself, from the first scan on.")
     ] = False,
@@ -162,13 +166,14 @@ def serve(
         crunch serve --link pty:./crunch.tty
         crunch serve --robot maze_runner --link serial:/dev/ttyUSB0 --laser serial:/dev/ttyACM0
 
-    A robot with a line per board gets a --link for each; Maze Runner's laser has --laser.
+    A robot with a line per board gets a --link for each; Maze Runner's laser has --laser, and each of its optical mice,
+    whose places stand in the settings, a --mouse.
     """
     from server.live import run_serve
 
     options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
-    raise typer.Exit(run_serve(links or [], options, laser, autopilot))
+    raise typer.Exit(run_serve(links or [], options, laser, autopilot, mice or []))
 
 
 @app.command()
@@ -231,6 +236,7 @@ def simulate(
     drift: Annotated[str, typer.Option(help=DRIFT)] = "medium",
     duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds.", show_default="the plan's end")] = None,
     avr: Avr = False,
+    mice: Annotated[int, typer.Option(min=0, help=MICE)] = 0,
     from_log: Annotated[Path | None, typer.Option(help="Semi-real: odometry and walls from this CARMEN log.")] = None,
     reference: Annotated[Path | None, typer.Option(help="Semi-real: where the log's scans were taken (TUM).")] = None,
     config: ConfigFile = None,
@@ -266,7 +272,7 @@ def simulate(
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_semireal(semireal, settings, progress)
     else:
-        simulation = Simulation(robot, world, plan, seed, out, known_drift(drift), duration, build_of(avr))
+        simulation = Simulation(robot, world, plan, seed, out, known_drift(drift), duration, build_of(avr), mice)
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_drive(simulation, settings, progress)
     typer.echo(f"{out}: {summary}")

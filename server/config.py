@@ -14,6 +14,7 @@ import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import NoneType, UnionType
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError
@@ -242,7 +243,9 @@ def preset_of(layer: Layer) -> dict[str, Any]:
 
 
 def model_of(annotation: Any) -> type[BaseModel] | None:
-    """The parameter class behind a field, if it is one."""
+    """The parameter class behind a field, if it is one; it may be left out there."""
+    if isinstance(annotation, UnionType) and len(get_args(annotation)) == 2 and NoneType in get_args(annotation):
+        [annotation] = set(get_args(annotation)) - {NoneType}
     return annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
 
 

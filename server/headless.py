@@ -1,11 +1,11 @@
 """Maze Runner's host side in simulated time, without loop, page or worker: its session, its estimator, an explorer.
 
-What lives at the other end of the two lines is handed in, and met through its bytes alone.
+What lives at the other end of the lines is handed in, and met through its bytes alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from server.config import Config, navigation_of
 from server.explorer import Explorer
 from server.filter_worker import estimate_of
 from server.messages import Drive, Effect, Goal, Keyframe, Message, Stop
-from server.robots.kinds import LASER
+from server.robots.kinds import LASER, mouse_lines
 from server.robots.maze_runner import MazeRunner, make_estimator
 from server.session import Sink, session_of
 from slam.refined_grid_filter import RefinedGridFilter
@@ -25,8 +25,8 @@ REPEAT = 5  # such steps between two repetitions of a driver's wish
 SETTINGS = Config()
 
 
-class TwoLines(Protocol):
-    """A robot with a motor board and a laser; `firmware.virtual.VirtualMazeRunner` is one."""
+class Lines(Protocol):
+    """A robot with a motor board, a laser, and perhaps mice; `firmware.virtual.VirtualMazeRunner` is one."""
 
     @property
     def time(self) -> float:
@@ -49,12 +49,22 @@ class TwoLines(Protocol):
         """Bytes to the laser."""
         ...
 
+    @property
+    def mice(self) -> Sequence[object]:
+        """Its mice."""
+        ...
+
+    def take_mouse(self, number: int) -> bytes:
+        """What a mouse has said since this was asked last."""
+        ...
+
 
 class Headless:
     """The host's side of a robot; `sink` gets what a recording of the session keeps."""
 
-    def __init__(self, virtual: TwoLines, seed: int = 0, settings: Config = SETTINGS, sink: Sink | None = None):
+    def __init__(self, virtual: Lines, seed: int = 0, settings: Config = SETTINGS, sink: Sink | None = None):
         self.virtual = virtual
+        self.mouse_lines = mouse_lines(len(virtual.mice))
         params = settings.maze_runner
         self.robot = MazeRunner(params)
         self.session = session_of("maze_runner", self.robot, params, sink)
@@ -71,6 +81,8 @@ class Headless:
             data = self.virtual.advance(STEP)
             self.receive(BOARD, data)
             self.receive(LASER, self.virtual.take_laser())
+            for number, link_id in enumerate(self.mouse_lines):
+                self.receive(link_id, self.virtual.take_mouse(number))
             for request in self.session.requests(self.virtual.time).values():
                 self.virtual.write_laser(request)
 

@@ -22,6 +22,8 @@ TOLERANCE = 1e-3  # degrees
 class LaserLine:
     """One laser: `receive` gives its sweeps, `requests` what is to be said to it now."""
 
+    name = "laser"  # of its sweeps among the session's frames
+
     def __init__(self, laser: LaserParams, delay: float = 0.0):
         """`delay` (s) lies between the middle of a sweep and its arrival, at least."""
         self.laser = laser
@@ -65,6 +67,11 @@ class LaserLine:
                 f"the laser has {found.beams} beams from {found.first_deg:.4f} on every {found.step_deg:.6f} degrees; "
                 "say so in maze_runner.laser: beams, first_deg, step_deg"
             )
+
+    @property
+    def rejected(self) -> int:
+        """What it said that could not be read."""
+        return self.decoder.rejected.total()
 
     def requests(self, t: float) -> bytes:
         """What is to be said to it at time t; mostly nothing."""

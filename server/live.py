@@ -20,7 +20,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,7 +46,7 @@ from server.rest.maps import map_routes
 from server.rest.present import present_survey
 from server.rest.recordings import recording_routes
 from server.rest.sessions import session_routes
-from server.robots.kinds import LASER, ROBOTS
+from server.robots.kinds import LASER, ROBOTS, mouse_lines
 from server.session import session_of
 from server.sessions import Sessions
 from server.shelf import Shelf
@@ -85,6 +85,7 @@ def run_demo(
     drift: Literal["none", "low", "medium", "high"] = "medium",
     speed: float = 1.0,
     build: Literal["host", "avr"] = "host",
+    mice: int = 0,
 ) -> int:
     """Serve a virtual robot in this process until Ctrl-C; exit code.
 
@@ -93,11 +94,12 @@ def run_demo(
     """
     control = Control(options.config.control.at_speed(speed))
     if ROBOTS[options.robot].explores:
-        links = virtual_maze_runner(options, world, drift, speed)
+        options, links = virtual_maze_runner(options, world, drift, speed, mice)
         return run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
-    from server.simulate import mendable, plan_in, world_and_plan
+    from server.simulate import check_mice, mendable, plan_in, world_and_plan
 
+    check_mice(options.robot, mice)
     with mendable():
         try:
             place, route = world_and_plan(world, plan, options.seed)
@@ -115,20 +117,38 @@ def run_demo(
 
 
 def virtual_maze_runner(
-    options: LiveOptions, world: str | None, drift: Literal["none", "low", "medium", "high"], speed: float
-) -> dict[str, Link]:
-    """The two lines of a virtual Maze Runner in a maze; UserError where there is none of that name."""
-    from firmware import virtual
-    from server.simulate import mendable
+    options: LiveOptions, world: str | None, drift: Literal["none", "low", "medium", "high"], speed: float, mice: int
+) -> tuple[LiveOptions, dict[str, Link]]:
+    """The lines of a virtual Maze Runner in a maze, and options that know where its mice sit.
 
+    UserError where there is no world of that name.
+    """
+    from firmware import virtual
+    from firmware.virtual.mice import PLACES
+    from server.simulate import check_mice, mendable, with_mice
+
+    check_mice(options.robot, mice)
     name = world or f"maze:medium:{options.seed}"
     with mendable():
-        robot = virtual.VirtualMazeRunner(virtual.load_world(name), seed=options.seed, drift=drift)
+        robot = virtual.VirtualMazeRunner(virtual.load_world(name), seed=options.seed, drift=drift, mice=PLACES[:mice])
     board = VirtualLink(robot, f"virtual:{name}", speed)
-    return {"link0": board, LASER: SideLink(board, "virtual:laser", robot.write_laser, robot.take_laser)}
+    links: dict[str, Link] = {
+        "link0": board,
+        LASER: SideLink(board, "virtual:laser", robot.write_laser, robot.take_laser),
+    }
+    for number, link_id in enumerate(mouse_lines(mice)):
+        ask = functools.partial(robot.take_mouse, number)
+        links[link_id] = SideLink(board, f"virtual:{link_id}", lambda data: None, ask)
+    return replace(options, config=with_mice(options.config, mice)), links
 
 
-def run_serve(links: Sequence[str], options: LiveOptions, laser: str | None = None, autopilot: bool = False) -> int:
+def run_serve(
+    links: Sequence[str],
+    options: LiveOptions,
+    laser: str | None = None,
+    autopilot: bool = False,
+    mice: Sequence[str] = (),
+) -> int:
     """Serve the robot at the other end of the links until Ctrl-C; exit code. UserError for a link that is none."""
     kind = ROBOTS[options.robot]
     if not links:
@@ -138,10 +158,29 @@ def run_serve(links: Sequence[str], options: LiveOptions, laser: str | None = No
         raise UserError(f"{options.robot} {missing if kind.has_laser else 'has no laser; leave out --laser'}")
     if autopilot and not kind.explores:
         raise UserError(f"a real {options.robot} has no autopilot; leave out --autopilot")
+    check_mouse_lines(options, len(mice))
     opened = {f"link{number}": open_link(spec) for number, spec in enumerate(links)}
     if laser is not None:
         opened[LASER] = open_link(laser)
+    opened |= {link_id: open_link(spec) for link_id, spec in zip(mouse_lines(len(mice)), mice, strict=True)}
     return run(options, lambda: opened, Control(options.config.control), autopilot=autopilot)
+
+
+def check_mouse_lines(options: LiveOptions, given: int) -> None:
+    """UserError where there are other mice than the settings tell of."""
+    most = ROBOTS[options.robot].mice
+    if given > most:
+        remedy = f"give {most} at most" if most else "leave out --mouse"
+        raise UserError(f"{options.robot} has not so many mice; {remedy}")
+    if not most:
+        return
+    params = getattr(options.config, options.robot).mice
+    known = len(params.mice) if params else 0
+    if given != known:
+        raise UserError(
+            f"--mouse is given {given} times, but {options.robot}.mice tells where {known} sit; make them as many "
+            "(docs/maze-runner.md)"
+        )
 
 
 def run(

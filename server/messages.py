@@ -86,6 +86,20 @@ class Motors:
 
 
 @dataclass(frozen=True, slots=True)
+class MouseCounts:
+    """What one of the optical mice counted since it was last heard: to its right (x) and ahead (y).
+
+    Not `is_whole` where some of it was lost on the way.
+    """
+
+    t: float
+    mouse: int
+    x: int
+    y: int
+    is_whole: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """A board's once-a-second word about itself; `board` is 'drive', 'sensor' or 'motor'; uptime, worst loop in s."""
 
@@ -199,6 +213,15 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class MiceHealth:
+    """Steps of an odometry by mice, those that the motors' filled in, and of each mouse those that left it out."""
+
+    steps: int
+    filled_in: int
+    left_out: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Label:
     """A name that somebody gave to a place (m, world)."""
 
@@ -300,6 +323,7 @@ class Snapshot:
     balance: Balance | None = None
     power: Power | None = None
     motors: Motors | None = None
+    mice: MiceHealth | None = None  # where the odometry is theirs
     battery_limits: tuple[float, float] = (26.4, 24.0)  # V from which down it is low, and empty
     boards: dict[str, Status] = field(default_factory=dict)
     last_words: LastWords | None = None
@@ -317,6 +341,7 @@ Message = (
     | Balance
     | Power
     | Motors
+    | MouseCounts
     | Status
     | LastWords
     | Setting

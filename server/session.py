@@ -2,7 +2,7 @@
 
 The same object serves live, replay and simulation. It asks no clock, awaits nothing and opens no file: times come in
 with the bytes, in seconds since the session's start, and whoever wants a recording hands in a sink. Uses its siblings
-`health` and `laser_line`.
+`health`, `laser_line` and `mouse_line`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from server import channels, link
@@ -18,8 +18,9 @@ from server.clock import BoardClock
 from server.health import SourceHealth
 from server.laser_line import LaserLine
 from server.messages import Arm, Command, Drive, Effect, Goal, Message, Stop, StopCommand
+from server.mouse_line import MouseLine
 from server.recording import Kind
-from server.robots.kinds import LASER, ROBOTS
+from server.robots.kinds import LASER, ROBOTS, mouse_lines
 
 STOP_REPEATS = 3
 COMMANDS: dict[str, type[Drive | Goal | Stop | Arm]] = {"drive": Drive, "goal": Goal, "stop": Stop, "arm": Arm}
@@ -41,11 +42,32 @@ class Sink(Protocol):
         ...
 
 
+class SideLine(Protocol):
+    """A line on which something other than a board speaks for itself, in words of its own."""
+
+    name: str  # of what it tells, among the frames
+    fault: str  # that somebody must mend; empty if there is none
+    refused: Counter[str]
+
+    @property
+    def rejected(self) -> int:
+        """What came and could not be read."""
+        ...
+
+    def receive(self, data: bytes, t: float) -> Sequence[Message]:
+        """What bytes tell that came at time t (s)."""
+        ...
+
+    def requests(self, t: float) -> bytes:
+        """What is to be said to it now."""
+        ...
+
+
 class Session:
     """Routes bytes to messages to the robot, counts what was refused, and gives commands their numbers and echoes.
 
     `boards` are the source numbers of the robot's, of which exactly one drives; nobody else is believed. On the links
-    of `lasers` a laser speaks for itself.
+    of `lines` a laser or a mouse speaks for itself.
     """
 
     def __init__(
@@ -54,14 +76,14 @@ class Session:
         calibration: channels.Calibration,
         sink: Sink | None = None,
         boards: tuple[int, ...] = (channels.DRIVE, channels.SENSOR),
-        lasers: Mapping[str, LaserLine] | None = None,
+        lines: Mapping[str, SideLine] | None = None,
     ) -> None:
         self.robot = robot
         self.calibration = calibration
         self.sink = sink
         self.t = 0.0  # newest time that came in
         self.decoders: dict[str, link.Decoder] = {}
-        self.lasers = dict(lasers or {})
+        self.lines = dict(lines or {})
         self.clocks = {source: BoardClock() for source in boards}
         [self.driver] = [source for source in boards if source in channels.DRIVERS]
         self.health_of = {source: SourceHealth() for source in self.clocks}
@@ -76,10 +98,11 @@ class Session:
         self.t = t = whole_nanoseconds(t)
         if self.sink:
             self.sink.append(Kind.RX, link_id, data, t)
-        if link_id in self.lasers:
-            sweeps = self.lasers[link_id].receive(data, t)
-            self.frames["laser"] += len(sweeps)
-            return [effect for sweep in sweeps for effect in self.robot.step(sweep)]
+        if link_id in self.lines:
+            line = self.lines[link_id]
+            told = line.receive(data, t)
+            self.frames[line.name] += len(told)
+            return [effect for message in told for effect in self.robot.step(message)]
         decoder = self.decoders.get(link_id)
         if decoder is None:
             decoder = self.decoders[link_id] = link.Decoder()
@@ -110,8 +133,8 @@ class Session:
         return data
 
     def requests(self, t: float) -> dict[str, bytes]:
-        """What lasers are to be told at time t, by link, recorded as sent; nothing to one that tells its sweeps."""
-        asked = {link_id: request for link_id, line in self.lasers.items() if (request := line.requests(t))}
+        """What other lines than boards' are to be told at time t, by link, recorded as sent; mostly nothing."""
+        asked = {link_id: request for link_id, line in self.lines.items() if (request := line.requests(t))}
         for link_id, request in asked.items():
             if self.sink:
                 self.sink.append(Kind.TX, link_id, request, whole_nanoseconds(t))
@@ -122,9 +145,9 @@ class Session:
         return {
             "frames": dict(self.frames),
             "rejected": sum(decoder.rejected for decoder in self.decoders.values())
-            + sum(line.decoder.rejected.total() for line in self.lasers.values()),
-            "refused": dict(sum((line.refused for line in self.lasers.values()), self.refused)),
-            "faults": [line.fault for line in self.lasers.values() if line.fault],
+            + sum(line.rejected for line in self.lines.values()),
+            "refused": dict(sum((line.refused for line in self.lines.values()), self.refused)),
+            "faults": [line.fault for line in self.lines.values() if line.fault],
             "lost": sum(health.lost for health in self.health_of.values()),
             "boards": {
                 channels.SOURCES[source]: {
@@ -176,8 +199,9 @@ def session_of(name: str, robot: Robot, params: Any, sink: Sink | None = None) -
     """The session of a robot by its name, with the lines that such a one speaks on; `params` are the robot's."""
     kind = ROBOTS[name]
     calibration = getattr(params, "calibration", channels.Calibration())
-    lasers = {LASER: LaserLine(params.laser, params.laser_delay)} if kind.has_laser else {}
-    return Session(robot, calibration, sink, kind.boards, lasers)
+    lines: dict[str, SideLine] = {LASER: LaserLine(params.laser, params.laser_delay)} if kind.has_laser else {}
+    lines |= {link_id: MouseLine(number) for number, link_id in enumerate(mouse_lines(kind.mice))}
+    return Session(robot, calibration, sink, kind.boards, lines)
 
 
 def whole_nanoseconds(t: float) -> float:

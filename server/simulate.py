@@ -29,6 +29,7 @@ from firmware.virtual import (
     load_world,
     tour,
 )
+from firmware.virtual.mice import PLACES
 from firmware.virtual.plans import BUILT_IN as PLANS
 from firmware.virtual.scripted import ScriptedCrunch
 from server.config import Config, merge
@@ -42,7 +43,7 @@ from server.headless import BOARD, Headless
 from server.maps import path_length
 from server.recording import Header, Kind, LinkName, Recorder
 from server.report import version
-from server.robots.kinds import LASER, ROBOTS
+from server.robots.kinds import LASER, ROBOTS, mouse_lines
 from slam.pose import compose
 from slam.timeline import associate
 
@@ -75,6 +76,7 @@ class Simulation(NamedTuple):
     drift: Drift = "medium"
     duration: float | None = None
     build: Build = "host"
+    mice: int = 0
 
 
 class Semireal(NamedTuple):
@@ -90,6 +92,7 @@ class Semireal(NamedTuple):
 
 def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
+    check_mice(simulation.robot, simulation.mice)
     if ROBOTS[simulation.robot].explores:
         return simulate_exploring(simulation, settings, progress)
     with mendable():
@@ -112,17 +115,35 @@ def simulate_exploring(simulation: Simulation, settings: Config, progress: Progr
         raise UserError(f"--avr: the virtual {simulation.robot} has its board's C only; leave it out")
     if simulation.plan is not None:
         settings = Config(**merge(settings.model_dump(), {"explorer": {"rule": rule}}))
+    settings = with_mice(settings, simulation.mice)
     with mendable():
         world = load_world(simulation.world or f"maze:medium:{simulation.seed}")
-        robot = VirtualMazeRunner(world, seed=simulation.seed, drift=simulation.drift)
+        mice = PLACES[: simulation.mice]
+        robot = VirtualMazeRunner(world, seed=simulation.seed, drift=simulation.drift, mice=mice)
+    lines = (BOARD, LASER, *mouse_lines(simulation.mice))
     longest = simulation.duration or EXPLORING
-    with recording(simulation.robot, simulation.out, settings, (BOARD, LASER), simulation.seed) as recorder:
+    with recording(simulation.robot, simulation.out, settings, lines, simulation.seed) as recorder:
         loop = Headless(robot, simulation.seed, settings, recorder)
         loop.explore(longest, lambda: progress and progress(round(100.0 * robot.time / longest)))
         loop.run(REST)
     write_tum(simulation.out.with_name(simulation.out.name + ".truth.tum"), *robot.truth())
     state = "" if loop.explorer.finished else f"; the map was not closed in {longest:.0f} s"
     return describe(robot, robot.time) + f", {robot.body.bumps} walls touched" + state
+
+
+def check_mice(robot: str, mice: int) -> None:
+    """UserError for more mice than a robot may have."""
+    if mice > ROBOTS[robot].mice:
+        remedy = f"{ROBOTS[robot].mice} at most" if ROBOTS[robot].mice else "leave out --mice"
+        raise UserError(f"--mice {mice}: {robot} has not so many; {remedy}")
+
+
+def with_mice(settings: Config, mice: int) -> Config:
+    """Settings that know where the virtual mice sit, unless they say where mice do."""
+    if mice == 0 or settings.maze_runner.mice is not None:
+        return settings
+    places = [place._asdict() for place in PLACES[:mice]]
+    return Config(**merge(settings.model_dump(), {"maze_runner": {"mice": {"mice": places}}}))
 
 
 def world_and_plan(world: str | None, plan: str | None, seed: int) -> tuple[World, Plan]:

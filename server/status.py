@@ -69,6 +69,7 @@ def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> Rob
         charger_amperes=power.charger_amperes if power else None,
         motor_amperes=(power.left_motor_amperes, power.right_motor_amperes) if power else None,
         powers=(round(motors.left, 4), round(motors.right, 4)) if motors else None,
+        mice=dataclasses.asdict(snapshot.mice) if snapshot.mice else None,
         tilt_rad=finite(snapshot.tilt),
         pose=(x, y, theta),
         distance_m=round(snapshot.distance, 3),

@@ -1,4 +1,4 @@
-"""Links that carry a robot's bytes: serial ports, TCP, pseudo-terminals, and a virtual robot inside this process.
+"""Links that carry a robot's bytes: serial ports, TCP, pseudo-terminals, mice, and a virtual robot in this process.
 
 Every link looks the same: `run` is awaited in the caller's task group, hands over bytes with the time of their arrival,
 and opens the line again, ever more patiently, whenever it is lost; `write` never waits. Nothing here knows what the
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 import socket
 import time
 from collections.abc import Awaitable, Callable
@@ -23,7 +24,10 @@ from server.errors import UserError
 log = logging.getLogger(__name__)
 
 BAUD = 38400
-FORMS = "serial:/dev/ttyUSB0[?baud=38400], tcp://host:port, pty:PATH or virtual:[WORLD][?seed=0&speed=1]"
+FORMS = (
+    "serial:/dev/ttyUSB0[?baud=38400], tcp://host:port, pty:PATH, mouse:/dev/input/mouse0 "
+    "or virtual:[WORLD][?seed=0&speed=1]"
+)
 READ_SIZE = 4096
 MAX_WAITING = 512  # bytes kept for a slow line (0.13 s at 38400 baud); a command that waited longer is refused anyway
 CONNECT_SECONDS = 5.0
@@ -187,6 +191,15 @@ class StreamLink:
             await close(writer)
 
 
+class ListeningLink(StreamLink):
+    """A line that only tells."""
+
+    def write(self, data: bytes) -> bool:
+        """Sends nothing."""
+        self.dropped += len(data)
+        return False
+
+
 def told(error: OSError) -> str:
     """An error in words; a connection that takes too long has none of its own."""
     return str(error) or type(error).__name__
@@ -347,6 +360,8 @@ def open_link(spec: str, backoff: Backoff = Backoff()) -> Link:  # noqa: B008 (a
                 return tcp_link(spec, backoff)
             case "pty" if rest:
                 return StreamLink(spec, lambda: open_serial(rest, BAUD), backoff)
+            case "mouse" if rest:
+                return mouse_link(spec, rest, backoff)
             case "virtual":
                 return virtual_link(spec, rest)
     raise malformed(spec, "is no link")
@@ -402,6 +417,30 @@ def tcp_link(spec: str, backoff: Backoff) -> StreamLink:
         return reader, writer
 
     return StreamLink(spec, connect, backoff)
+
+
+def mouse_link(spec: str, place: str, backoff: Backoff) -> StreamLink:
+    """`mouse:/dev/input/mouse0`, which is only read: whoever else listens to the mouse, as a desktop, hears it too.
+
+    An event device of the same mouse has other bytes, and is refused.
+    """
+    if os.path.basename(os.path.realpath(place)).startswith("event"):
+        raise malformed(spec, "is an event device; name the one without `event`")
+    return ListeningLink(spec, lambda: open_mouse(place), backoff)
+
+
+async def open_mouse(place: str) -> Streams:
+    """Streams over a device that is only read; nothing may be written to them."""
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader()
+    protocol = asyncio.StreamReaderProtocol(reader)
+    device = open(os.open(place, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY), "rb", buffering=0)  # noqa: SIM115 (the transport's)
+    try:
+        transport, _ = await loop.connect_read_pipe(lambda: protocol, device)
+    except ValueError:
+        device.close()
+        raise OSError(f"{place} is no device that bytes come from") from None
+    return reader, asyncio.StreamWriter(cast(asyncio.WriteTransport, transport), protocol, reader, loop)
 
 
 def virtual_link(spec: str, rest: str) -> VirtualLink:

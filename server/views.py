@@ -48,6 +48,12 @@ class RobotStatus(BaseModel):
     powers: tuple[float, float] | None = Field(
         default=None, examples=[(0.31, 0.28)], description="left, right, of -1 to 1, where the robot knows no speeds"
     )
+    mice: dict[str, Any] | None = Field(
+        default=None,
+        examples=[{"steps": 300, "filled_in": 2, "left_out": [4, 2]}],
+        description="where the odometry is that of optical mice: its steps, those that the motors' odometry filled in, "
+        "and of each mouse those without it",
+    )
     tilt_rad: float | None = Field(examples=[0.021], description="null for a robot that cannot tilt")
     pose: tuple[float, float, float] = Field(examples=[(1.25, 0.5, 0.1)], description="x m, y m, heading rad, world")
     distance_m: float = Field(examples=[12.5])

@@ -43,12 +43,13 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     (
         "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.kinds",
-        "server.robots.maze_runner",
+        "server.robots.maze_runner", "server.robots.mice",
         "server.robots.odometry", "server.robots.pilot",
     ),
     (
         "server.adviser", "server.boards", "server.config", "server.control", "server.estimator", "server.explorer",
-        "server.filter_worker", "server.health", "server.laser_line", "server.navigator", "server.pulse",
+        "server.filter_worker", "server.health", "server.laser_line", "server.mouse_line", "server.navigator",
+        "server.pulse",
         "server.restarts", "server.session", "server.stops",
     ),
     (

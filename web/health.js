@@ -98,11 +98,19 @@ function robotRows(robot) {
     ["Battery", volts(robot.battery_volts), batteryLevel(robot)],
     ...(robot.battery_amperes === null ? [] : [["Current", amperes(robot.battery_amperes)]]),
     ...(robot.powers ? [["Power", robot.powers.map((power) => `${signed(100 * power, 0)} %`).join(", ")]] : []),
+    ...miceRow(robot.mice),
     ...(robot.motor_amperes ? [["Motors", `${signed(left)}, ${signed(right)} A`]] : []),
     ...(robot.charger_volts === null ? [] : [["Charger", robot.charger_volts > CHARGING ? `${volts(robot.charger_volts)}, ${amperes(robot.charger_amperes)}` : "not plugged in"]]),
     ...(robot.tilt_rad === null ? [] : [["Tilt", degrees((180 / Math.PI) * robot.tilt_rad)]]),
     ["Driven", `${robot.distance_m.toFixed(1)} m`],
   ];
+}
+
+/** How often the mice's odometry was not believed and the motors' filled in, where the robot has mice. */
+function miceRow(mice) {
+  if (!mice) return [];
+  const share = mice.steps ? (100 * mice.filled_in) / mice.steps : 0;
+  return [["Mice", `not believed ${share.toFixed(1)} %`, level(share, 10, 50)]];
 }
 
 /** What the drive board did when a reset cut it off, if it remembers. */

@@ -4,6 +4,7 @@ from firmware.virtual.builds import BUILDS, Build
 from firmware.virtual.corridor import corridor_cycle, corridor_plan
 from firmware.virtual.host import DRIFTS, Drift
 from firmware.virtual.maze_runner import VirtualMazeRunner
+from firmware.virtual.mice import Floor, MousePlace
 from firmware.virtual.native import CompilerError
 from firmware.virtual.plans import Plan, PlanError, load_plan
 from firmware.virtual.radio import Radio
@@ -18,6 +19,8 @@ __all__ = [
     "Build",
     "CompilerError",
     "Drift",
+    "Floor",
+    "MousePlace",
     "Plan",
     "PlanError",
     "Radio",

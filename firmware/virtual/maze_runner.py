@@ -1,16 +1,18 @@
-"""The virtual Maze Runner: a body in a world, the motor board's own C that moves it, and a laser on a line of its own.
+"""The virtual Maze Runner: a body in a world, the motor board's own C that moves it, and lines of a laser and of mice.
 
 Bytes are all that leads in and out: `write` and `advance` are the motor board's line, `write_laser` and `take_laser`
-the laser's. Nothing here knows the host's side.
+the laser's, `take_mouse` a mouse's. Nothing here knows the host's side.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
 from firmware.virtual.maze_body import Drift, MazeBody
+from firmware.virtual.mice import Floor, MousePlace, VirtualMouse
 from firmware.virtual.motor_board import MotorBoard
 from firmware.virtual.on_air import OnAir
 from firmware.virtual.radio import Radio
@@ -23,7 +25,10 @@ AHEAD = 0.05  # m from the middle of the axle to the laser
 
 
 class VirtualMazeRunner(OnAir):
-    """A robot at `start`, or where the world has it; `drift` names how unlike its motors are, and how floors slip."""
+    """A robot at `start`, or where the world has it; `drift` names how unlike its motors are, and how floors slip.
+
+    It has optical mice at the places `mice`, which look at `floor`: a clean one unless it is given.
+    """
 
     def __init__(
         self,
@@ -32,6 +37,8 @@ class VirtualMazeRunner(OnAir):
         seed: int = 0,
         drift: Drift = "medium",
         radio: Radio | None = None,
+        mice: Sequence[MousePlace] = (),
+        floor: Floor | None = None,
     ):
         super().__init__(radio, seed)
         x, y, heading = (float(part) for part in (world.start if start is None else start))
@@ -40,6 +47,9 @@ class VirtualMazeRunner(OnAir):
         self.board = MotorBoard()
         self.laser = VirtualUrg(world, self.laser_at, seed)
         self.said = b""  # by the laser
+        floor = floor or Floor()
+        self.mice = [VirtualMouse(place, floor, 8 * seed + number) for number, place in enumerate(mice)]
+        self.counted = [b"" for _ in mice]  # by each of them
         self.now_ms = 0
         self.history = deque([self.body.pose], maxlen=2 * PERIOD_MS // BODY_MS)  # the newest last
         self.rows: list[np.ndarray] = []
@@ -78,6 +88,11 @@ class VirtualMazeRunner(OnAir):
         said, self.said = self.said, b""
         return said
 
+    def take_mouse(self, number: int) -> bytes:
+        """What a mouse has said since this was asked last."""
+        counted, self.counted[number] = self.counted[number], b""
+        return counted
+
     def run(self, ms: int) -> bytes:
         """Lets board, body and laser live; returns what the board sent."""
         sent = []
@@ -91,4 +106,6 @@ class VirtualMazeRunner(OnAir):
             if self.now_ms % TRUTH_MS == 0:
                 self.rows.append(np.array([self.time, *self.body.pose]))
             self.said += self.laser.advance(1)
+            for number, mouse in enumerate(self.mice):
+                self.counted[number] += mouse.advance(self.now_ms, self.body.pose)
         return b"".join(sent)

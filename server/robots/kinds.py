@@ -12,6 +12,7 @@ from server import channels
 from server.robots import crunch, maze_runner
 
 LASER = "laser"  # name of the line on which a laser speaks for itself
+MOUSE = "mouse"  # and, with its number behind it, of that of an optical mouse
 
 
 class Kind(NamedTuple):
@@ -21,12 +22,18 @@ class Kind(NamedTuple):
     make_estimator: Callable[[Any, int, int], Any]
     boards: tuple[int, ...]  # their source numbers
     has_laser: bool = False  # with a line of its own
+    mice: int = 0  # optical ones that it may have, each with a line of its own
     explores: bool = False  # whether `server.explorer` can drive it
 
 
 ROBOTS: dict[str, Kind] = {
     "crunch": Kind(crunch.Crunch, crunch.make_estimator, (channels.DRIVE, channels.SENSOR)),
     "maze_runner": Kind(
-        maze_runner.MazeRunner, maze_runner.make_estimator, (channels.MOTOR,), has_laser=True, explores=True
+        maze_runner.MazeRunner, maze_runner.make_estimator, (channels.MOTOR,), has_laser=True, mice=8, explores=True
     ),
 }
+
+
+def mouse_lines(count: int) -> tuple[str, ...]:
+    """The names of the lines of so many mice."""
+    return tuple(f"{MOUSE}{number}" for number in range(count))

@@ -1,8 +1,8 @@
 """Maze Runner: one laser, and an odometry that may be no more than what the motors were told.
 
 Each scan is laid onto the last few metres (`slam.laser_odometry`), so that the odometry hardly matters; every half
-metre or half a radian is a vertex that saw the whole scan. Vertices stand where the laser does. Uses its sibling
-`pilot`.
+metre or half a radian is a vertex that saw the whole scan. Vertices stand where the laser does. Where optical
+mice look at the floor, the odometry is theirs. Uses its siblings `mice` and `pilot`.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from server.messages import (
     Keyframe,
     Message,
     Motors,
+    MouseCounts,
     Odometry,
     PowersCommand,
     Ranges,
@@ -35,6 +36,7 @@ from server.messages import (
     nothing_known,
     shown_of,
 )
+from server.robots.mice import Mice
 from server.robots.pilot import Pilot, Reins
 from slam.cost_grid import CostParams
 from slam.fastslam import FastSlam, FastSlamParams
@@ -43,6 +45,7 @@ from slam.grid_filter import GridFilter, GridFilterParams
 from slam.laser_odometry import LaserOdometry, LaserOdometryParams
 from slam.laser_scan import LaserParams, ScanParams, rays_of, scan_of, walls_of
 from slam.motor_curve import MotorOdometry, MotorParams
+from slam.mouse_odometry import MouseOdometryParams
 from slam.params import Params
 from slam.pose import between, compose, inverse, transform
 from slam.refined_grid_filter import RefinedGridFilter
@@ -62,6 +65,7 @@ class MazeRunnerParams(Params):
         default=0.05, ge=0.0, le=1.0
     )  # s from the middle of a sweep to when the laser tells it, at least
     motors: MotorParams = MotorParams()
+    mice: MouseOdometryParams | None = None  # optical ones on the floor: docs/maze-runner.md
     scan: ScanParams = ScanParams()
     vertex_spacing: float = Field(default=0.45, ge=0.05, le=5.0)  # m of path between vertices,
     vertex_turn: float = Field(default=0.4, ge=0.05, le=3.0)  # or rad
@@ -95,7 +99,7 @@ def make_estimator(params: MazeRunnerParams, seed: int = 0, threads: int = 1) ->
 class MazeRunner:
     """The robot as a fold: `step(message)` gives effects, `snapshot()` what a viewer needs.
 
-    Odometry comes integrated, as in logs, or is reckoned from what the motors are given.
+    Odometry comes integrated, as in logs, or is that of its mice, or is reckoned from what the motors are given.
     """
 
     def __init__(self, params: MazeRunnerParams):
@@ -105,6 +109,7 @@ class MazeRunner:
         self.mount = compose(params.laser.mount, np.array([0.0, 0.0, self.rays.offset]))
         self.follower = LaserOdometry(params.odometry)
         self.reckoning = MotorOdometry(params.motors)
+        self.mice = Mice(params.mice) if params.mice else None
         self.vfh = Vfh(params.vfh)
         self.pilot = Pilot(self.vfh, Reins(params.goal_radius, params.look_ahead, params.turn_gain, params.max_turn))
         self.t = 0.0
@@ -132,7 +137,11 @@ class MazeRunner:
             case Motors():
                 self.reckoning.step(message.t, (message.left, message.right), message.battery_volts)
                 self.motors = message
-                self.roll(message.t, self.reckoning.pose)
+                reckoned = self.reckoning.pose
+                self.roll(message.t, self.mice.step(message.t, reckoned) if self.mice else reckoned)
+            case MouseCounts():
+                if self.mice:
+                    self.mice.count(message)
             case Odometry():
                 self.roll(message.t, np.array([message.x, message.y, message.theta]))
             case Ranges(sensor=sensor) if sensor == SENSOR and self.has_odometry:
@@ -297,6 +306,7 @@ class MazeRunner:
             vertex_times=np.array(self.times[:known]),
             vertex_odometry=np.array(self.told[:known]).reshape(-1, 3),
             motors=self.motors,
+            mice=self.mice.health if self.mice else None,
             battery_limits=(self.params.battery_low, self.params.battery_empty),
             boards=dict(self.boards),
             **self.pilot.shown(pose),

@@ -159,7 +159,7 @@ class Ear:
 
 def test_a_session_hands_the_robot_sweeps_of_its_laser_and_counts_those_of_another():
     ear = Ear()
-    session = Session(ear, Calibration(), lasers={"laser": LaserLine(LaserParams(beams=50))})
+    session = Session(ear, Calibration(), lines={"laser": LaserLine(LaserParams(beams=50))})
     data = told([1000] * 50, 100) + told([1000] * 60, 200) + told([2000] * 50, 300)
     for at in range(0, len(data), 7):
         session.receive("laser", data[at : at + 7], 5.0 + 1e-3 * at)

@@ -1,8 +1,10 @@
 import asyncio
 import contextlib
 import os
+import pty
 import socket
 import time
+import tty
 
 import numpy as np
 import pytest
@@ -369,6 +371,7 @@ def test_the_virtual_crunch_is_a_link_like_any_other(boards):
         ("virtual:?speed=nan", "needs a speed above 0"),
         ("virtual:?seed=one", "needs numbers for seed and speed"),
         ("virtual:?sped=2", "has an unknown setting 'sped'"),
+        ("mouse:", "is no link"),
     ],
 )
 def test_a_text_that_is_no_link_is_told_in_one_line_with_the_forms(spec, fault):
@@ -376,7 +379,7 @@ def test_a_text_that_is_no_link_is_told_in_one_line_with_the_forms(spec, fault):
         open_link(spec)
     message = str(raised.value)
     assert message.startswith(f"link {spec!r} {fault}")
-    assert "use serial:/dev/ttyUSB0[?baud=38400], tcp://host:port, pty:PATH or virtual:" in message
+    assert "use serial:/dev/ttyUSB0[?baud=38400], tcp://host:port, pty:PATH, mouse:/dev/input/mouse0 or" in message
     assert "\n" not in message
 
 
@@ -386,6 +389,68 @@ def test_a_text_that_is_no_link_is_told_in_one_line_with_the_forms(spec, fault):
 def test_a_virtual_robot_that_cannot_be_is_told_in_one_line(spec):
     with pytest.raises(LinkError, match="link 'virtual:"):
         open_link(spec)
+
+
+def test_a_mouse_is_only_heard_and_survives_that_it_is_pulled_out(tmp_path):
+    """A named pipe stands in for the device: it gives bytes, ends, and is gone until somebody plugs it in again."""
+
+    async def scene():
+        ear, place = Ear(), tmp_path / "mouse0"
+        link = open_link(f"mouse:{place}", QUICK)
+        async with running(link, ear):
+            await until(lambda: "mouse0" in link.error)
+            for n in range(3):
+                os.mkfifo(place)
+                await until(lambda: link.is_connected)
+                with open(place, "wb", buffering=0) as mouse:
+                    mouse.write(bytes([8, n, 0]))
+                    await until(lambda n=n: len(ear.data) == 3 * (n + 1))
+                    assert not link.write(b"x")
+                    place.unlink()
+                await until(lambda: not link.is_connected)
+        assert not link.is_connected
+        return ear.data, link.summary()
+
+    heard, summary = asyncio.run(scene())
+    assert heard == bytes([8, 0, 0, 8, 1, 0, 8, 2, 0])
+    assert (summary["received"], summary["sent"], summary["dropped"], summary["reconnects"]) == (9, 0, 3, 2)
+
+
+def test_a_mouse_s_character_device_that_fails_is_survived():
+    """A raw pseudo-terminal is one; reading it fails once its other end is closed, as when a mouse is pulled out."""
+
+    async def scene():
+        ear = Ear()
+        master, slave = pty.openpty()
+        tty.setraw(slave)
+        link = open_link(f"mouse:{os.ttyname(slave)}", QUICK)
+        async with running(link, ear):
+            await until(lambda: link.is_connected)
+            os.close(slave)
+            os.write(master, bytes([0x18, 0xFE, 3]))
+            await until(lambda: len(ear.data) == 3)
+            os.close(master)
+            await until(lambda: link.error)
+        return ear.data
+
+    assert asyncio.run(scene()) == bytes([0x18, 0xFE, 3])
+
+
+def test_a_file_is_no_mouse(tmp_path):
+    async def scene():
+        link = open_link(f"mouse:{tmp_path / 'notes'}", QUICK)
+        (tmp_path / "notes").write_bytes(b"abc")
+        async with running(link):
+            await until(lambda: "no device that bytes come from" in link.error)
+
+    asyncio.run(scene())
+
+
+def test_the_event_device_of_a_mouse_is_refused(tmp_path):
+    (tmp_path / "event3").touch()
+    (tmp_path / "usb-event-mouse").symlink_to(tmp_path / "event3")
+    with pytest.raises(LinkError, match="is an event device; name the one without `event`"):
+        open_link(f"mouse:{tmp_path / 'usb-event-mouse'}")
 
 
 def test_a_dead_line_is_warned_of_once(caplog, tmp_path):
