@@ -18,6 +18,7 @@ from numba import njit
 from pydantic import Field
 
 from slam.counter_random import gaussian, uniform
+from slam.families import FamilyParams, families_of
 from slam.laser_maps import LaserMapParams, LaserMaps
 from slam.laser_scan import Scan, scan_of
 from slam.map_matching import LayParams, lay
@@ -42,6 +43,7 @@ class GridFilterParams(Params):
     odometry: OdometryNoise = OdometryNoise(distance=0.05, turn=0.02, rotation=0.02)  # a laser's own
     lay: LayParams = LayParams()
     map: LaserMapParams = LaserMapParams()
+    families: FamilyParams = FamilyParams()  # of particles that share one map
 
 
 @njit(cache=True, inline="always")
@@ -60,11 +62,14 @@ def draw_pose(pose, hessian, seed, step, particle):
 
 
 @njit(cache=True, nogil=True)
-def move_particles(cells, scan, poses, priors, log_weights, rule, seed, step, first, end):
-    """Lay a scan onto each particle's map from the guesses `poses` (n, 3), draw the poses, and weigh the particles."""
+def move_particles(cells, homes, scan, poses, priors, log_weights, rule, seed, step, first, end):
+    """Lay a scan onto each particle's map from the guesses `poses` (n, 3), draw the poses, and weigh the particles.
+
+    `homes` (n,) are the maps that the particles have.
+    """
     hessian = np.empty((3, 3))
     for p in range(first, end):
-        cost = lay(cells, p, scan, poses[p], priors[p], rule, hessian)
+        cost = lay(cells, homes[p], scan, poses[p], priors[p], rule, hessian)
         log_weights[p] -= cost + draw_pose(poses[p], hessian, seed, step, p)
 
 
@@ -76,13 +81,15 @@ class GridFilter:
         self.seed = seed
         self.threads = threads
         self.pool = ThreadPoolExecutor(threads) if threads > 1 else None
-        self.maps = LaserMaps(params.particles, params.map)
+        self.maps = LaserMaps(1, params.map)  # of families
+        self.homes = np.zeros(params.particles, np.int64)  # which of them each particle has
         self.poses = np.zeros((params.particles, 3))
         self.log_weights = np.zeros(params.particles)
         self.scores = np.zeros(params.particles)  # log weights that no resampling takes away
         self.tree: PathTree | None = None
         self.odometry = np.zeros(3)
         self.scans: list[Scan] = []
+        self.heads = np.zeros(1, np.int64)  # the particles that the maps are drawn from
         self.effective = float(params.particles)
         self.resamplings = 0
 
@@ -112,15 +119,17 @@ class GridFilter:
             self.weigh()
         self.odometry = pose
         self.scans.append(scan)
-        self.maps.draw(scan, self.poses, run=self.on_all)
+        self.settle(self.known())
+        self.maps.draw(scan, self.poses[self.heads], run=lambda task: self.share(len(self.heads), task))
 
     def move(self, scan: Scan, told: np.ndarray) -> None:
         """Move each particle to where its own map has the scan, by a motion that the odometry told, and weigh it."""
         poses = compose(self.poses, told)
         priors = in_world(self.params.odometry.information(told), self.poses[:, 2])
         before, rule = self.log_weights.copy(), self.params.lay.rule()
-        self.on_all(lambda first, end: move_particles(
-            self.maps.cells, scan, poses, priors, self.log_weights, rule, self.seed, self.vertices, first, end
+        self.share(self.n_particles, lambda first, end: move_particles(
+            self.maps.cells, self.homes, scan, poses, priors, self.log_weights, rule, self.seed, self.vertices, first,
+            end,
         ))  # fmt: skip
         self.scores += self.log_weights - before
         self.poses = np.column_stack([poses[:, :2], wrap(poses[:, 2])])
@@ -145,7 +154,7 @@ class GridFilter:
         ancestors = systematic(weights, uniform(self.seed, self.resamplings, 0, OFFSET), n_particles)
         if self.tree is not None:
             self.tree.resample(ancestors)
-        self.maps.inherit(ancestors)
+        self.homes = self.homes[ancestors]
         self.poses, self.scores = self.poses[ancestors], self.scores[ancestors]
         self.log_weights = np.zeros(n_particles)
         self.effective = float(n_particles)
@@ -158,12 +167,18 @@ class GridFilter:
         if n_particles != self.n_particles:
             self.resample(normalize(self.log_weights), n_particles)
 
-    def on_all(self, task: Callable[[int, int], None]) -> None:
-        """Run task(first, end) over all particles, on as many threads as there are."""
+    def settle(self, tree: PathTree) -> None:
+        """Find the families, each of which goes on with the map of its head."""
+        families, self.heads = families_of(tree, self.params.families)
+        self.maps.inherit(self.homes[self.heads])
+        self.homes = families
+
+    def share(self, n: int, task: Callable[[int, int], None]) -> None:
+        """Run task(first, end) over n particles or maps, on as many threads as there are."""
         if self.pool is None:
-            task(0, self.n_particles)
+            task(0, n)
             return
-        borders = np.linspace(0, self.n_particles, 4 * self.threads + 1).astype(int)
+        borders = np.linspace(0, n, 4 * self.threads + 1).astype(int)
         list(self.pool.map(task, borders[:-1], borders[1:]))
 
     def best(self) -> int:

@@ -19,7 +19,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
-        "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.frontiers",
+        "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.families", "slam.frontiers",
         "slam.hypotheses", "slam.laser_maps", "slam.laser_odometry", "slam.laser_scan", "slam.local_map",
         "slam.loop_measurements",
         "slam.map_alignment", "slam.map_matching", "slam.motion", "slam.motion_noise", "slam.motor_curve",

@@ -41,7 +41,7 @@ def test_a_ring_is_mapped_though_the_odometry_is_lost(seed):
 def test_the_map_shows_the_walls_once_and_the_floor_free():
     poses, odometry, scans = drive()
     path_filter = run(odometry, scans)
-    grid = path_filter.maps.grid(path_filter.best())
+    grid = path_filter.maps.grid(int(path_filter.homes[path_filter.best()]))
     assert path_filter.estimate().path[0] == pytest.approx(poses[0], abs=1e-6)
     rows, columns = np.nonzero(grid.cells > 1.0)
     xs, ys = grid.x + (columns + 0.5) * grid.resolution, grid.y + (rows + 0.5) * grid.resolution
