@@ -50,7 +50,7 @@ def test_the_map_shows_the_walls_once_and_the_floor_free():
     places = np.stack([xs, ys], axis=1)[:, None, :] - start
     share = np.clip(np.sum(places * along, axis=2) / np.sum(along**2, axis=1), 0.0, 1.0)
     apart = np.hypot(*(places - share[:, :, None] * along).transpose(2, 0, 1)).min(axis=1)
-    assert np.mean(apart < 0.15) > 0.97
+    assert np.mean(apart < 0.2) > 0.97
     floor = [grid.cells[int((y - grid.y) / grid.resolution), int((x - grid.x) / grid.resolution)] for x, y, _ in poses]
     assert np.mean(np.array(floor) < 0.0) > 0.99
 
