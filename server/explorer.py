@@ -20,12 +20,13 @@ from server.navigator import NavigatorParams, floor_of
 from slam.cost_grid import CostGrid, cost_grid
 from slam.frontiers import Frontier, FrontierParams, frontiers
 from slam.params import Params
-from slam.planning import NoWay, let_out, plan
+from slam.planning import NoWay, let_out, plan, way_cost
 from slam.pose import wrap
 from slam.wall_following import Lap, WallFollowingParams, follow
 from slam.walls import Walls
 
 REPEAT = 0.1  # s between two words to a robot that turns or follows a wall
+SAME_END = 0.3  # m within which two ways lead to the same place
 LONGER = 2.0  # times as long as a look around should take
 
 State = Literal["off", "looking", "driving", "following", "done"]
@@ -54,10 +55,13 @@ class Progress(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A frontier, and the places (n, 2) to pass on the way to it, which are none where there is no way."""
+    """A frontier, and the places (n, 2) to pass on the way to it, which are none where there is no way.
+
+    None where the way that the robot drives already is about as good.
+    """
 
     frontier: Frontier
-    places: np.ndarray
+    places: np.ndarray | None
 
 
 class Explorer:
@@ -173,10 +177,12 @@ class Explorer:
         self.target = frontier.place
         if frontier.way < self.nearest - 0.1:
             self.nearest, self.gained = frontier.way, t
-        if not len(places) or t - self.gained > self.params.patience:
+        if t - self.gained > self.params.patience or (places is not None and not len(places)):
             self.left_alone.append(frontier.place)
             return []
         self.state, self.has_looked = "driving", False
+        if places is None:
+            return []
         way = [(float(x), float(y)) for x, y in places]
         return [Goal(t, way[-1], self.params.speed, tuple(way[:-1]))]
 
@@ -196,16 +202,26 @@ def choose(
         known = [each for each in found if all(math.dist(each.place, place) > params.same for place in left_alone)]
         if known:
             chosen = kept(known, target, params) or known[0]
-            return Choice(chosen, way_to(floor, start, chosen.place))
+            return Choice(chosen, way_to(chosen.place, floor, snapshot, navigation.better))
     return None
 
 
-def way_to(floor: CostGrid, start: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Places (n, 2) to pass; none where there is no way."""
+def way_to(place: np.ndarray, floor: CostGrid, snapshot: Snapshot, better: float) -> np.ndarray | None:
+    """Places (n, 2) to pass; none where there is no way, None where the old one costs little more.
+
+    A robot between two ways of about the same length would else turn to the one and the other for ever.
+    """
+    start = snapshot.pose[:2]
+    floor = let_out(floor, start)
     try:
-        return plan(let_out(floor, start), start, place).places
+        places = plan(floor, start, place).places
     except NoWay:
         return np.empty((0, 2))
+    if snapshot.goal is not None and math.dist(snapshot.goal, place) < SAME_END:
+        driven = way_cost(floor, start, np.vstack([snapshot.route, snapshot.goal]))
+        if better * driven <= way_cost(floor, start, places):
+            return None
+    return places
 
 
 def kept(known: list[Frontier], target: np.ndarray | None, params: ExplorerParams) -> Frontier | None:

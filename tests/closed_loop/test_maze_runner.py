@@ -125,7 +125,7 @@ def test_frames_of_boards_that_are_not_its_own_are_refused():
     assert loop.session.refused["source"] == 1
 
 
-@pytest.mark.parametrize(("size", "seed"), [("small", 0), ("small", 1), ("medium", 2)])
+@pytest.mark.parametrize(("size", "seed"), [("small", 0), ("small", 1), ("medium", 2), ("medium", 3), ("large", 2)])
 def test_it_explores_a_maze_until_the_map_is_closed_and_stops(size, seed):
     loop = loop_in(size, seed)
     explorer = loop.explore(300.0)
