@@ -126,6 +126,11 @@ class Bridge:
         """Session's seconds in a second of the people who watch."""
         return next(iter(self.links.values())).speed
 
+    @property
+    def is_connected(self) -> bool:
+        """Whether a line to the boards is open; those of a laser or of mice move nothing."""
+        return any(link.is_connected for link_id, link in self.links.items() if link_id not in self.session.lines)
+
     # From one session to the next.
 
     def begin(
@@ -210,7 +215,7 @@ class Bridge:
     def tick(self) -> None:
         """The passing of time: repeats the driver's wish, or stops the robot when the driver has fallen silent."""
         before, t = self.control.standing(), self.t
-        self.control.stops.watch(t, self.robot.stop_reason, any(link.is_connected for link in self.links.values()))
+        self.control.stops.watch(t, self.robot.stop_reason, self.is_connected)
         self.tell(self.control.tick(t), t)
         self.tell(self.navigator.tick(t, self.control, self.look), t)
         for link_id, request in self.session.requests(t).items():
@@ -313,7 +318,7 @@ class Bridge:
             version=self.version,
             session=self.about,
             recording=str(self.recorder.path) if self.recorder else None,
-            link=link_status(self.session, self.links.values(), t),
+            link=link_status(self.session, self.links.values(), self.is_connected, t),
             robot=robot_status(snapshot, self.is_virtual, self.layers.names(snapshot)),
             map=map_status(snapshot, worker.vertices > 0),
             filter=filter_status(snapshot, worker),

@@ -94,7 +94,7 @@ def run_demo(
     """
     control = Control(options.config.control.at_speed(speed))
     if ROBOTS[options.robot].explores:
-        options, links = virtual_maze_runner(options, world, drift, speed, mice)
+        options, links = virtual_maze_runner(options, world, drift, speed, mice, build)
         return run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
     from server.simulate import check_mice, mendable, plan_in, world_and_plan
@@ -117,7 +117,12 @@ def run_demo(
 
 
 def virtual_maze_runner(
-    options: LiveOptions, world: str | None, drift: Literal["none", "low", "medium", "high"], speed: float, mice: int
+    options: LiveOptions,
+    world: str | None,
+    drift: Literal["none", "low", "medium", "high"],
+    speed: float,
+    mice: int,
+    build: Literal["host", "avr"],
 ) -> tuple[LiveOptions, dict[str, Link]]:
     """The lines of a virtual Maze Runner in a maze, and options that know where its mice sit.
 
@@ -130,7 +135,9 @@ def virtual_maze_runner(
     check_mice(options.robot, mice)
     name = world or f"maze:medium:{options.seed}"
     with mendable():
-        robot = virtual.VirtualMazeRunner(virtual.load_world(name), seed=options.seed, drift=drift, mice=PLACES[:mice])
+        robot = virtual.VirtualMazeRunner(
+            virtual.load_world(name), seed=options.seed, drift=drift, mice=PLACES[:mice], build=build
+        )
     board = VirtualLink(robot, f"virtual:{name}", speed)
     links: dict[str, Link] = {
         "link0": board,

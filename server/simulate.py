@@ -111,15 +111,15 @@ def simulate_exploring(simulation: Simulation, settings: Config, progress: Progr
     rule = RULES.get(simulation.plan or "explore")
     if rule is None:
         raise UserError(f"--plan {simulation.plan}: {simulation.robot} drives by none but {', '.join(RULES)}")
-    if simulation.build != "host":
-        raise UserError(f"--avr: the virtual {simulation.robot} has its board's C only; leave it out")
     if simulation.plan is not None:
         settings = Config(**merge(settings.model_dump(), {"explorer": {"rule": rule}}))
     settings = with_mice(settings, simulation.mice)
     with mendable():
         world = load_world(simulation.world or f"maze:medium:{simulation.seed}")
         mice = PLACES[: simulation.mice]
-        robot = VirtualMazeRunner(world, seed=simulation.seed, drift=simulation.drift, mice=mice)
+        robot = VirtualMazeRunner(
+            world, seed=simulation.seed, drift=simulation.drift, mice=mice, build=simulation.build
+        )
     lines = (BOARD, LASER, *mouse_lines(simulation.mice))
     longest = simulation.duration or EXPLORING
     with recording(simulation.robot, simulation.out, settings, lines, simulation.seed) as recorder:

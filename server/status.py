@@ -35,14 +35,14 @@ def map_status(snapshot: Snapshot, has_vertices: bool) -> MapStatus:
     )
 
 
-def link_status(session: Session, links: Collection[Link], t: float) -> LinkStatus:
-    """How the radio is doing at the session's time t."""
+def link_status(session: Session, links: Collection[Link], is_connected: bool, t: float) -> LinkStatus:
+    """How the radio is doing at the session's time t, if a line to the boards is open."""
     health = session.health(t)
     boards = [board for board in health["boards"].values() if board["age"] is not None]
     counters = {"frames": sum(health["frames"].values()), "lost": health["lost"], "rejected": health["rejected"]}
     return LinkStatus(
         names=[link.spec for link in links],
-        connected=any(link.is_connected for link in links),
+        connected=is_connected,
         error="; ".join([*(f"{link.spec}: {link.error}" for link in links if link.error), *health["faults"]]),
         reconnects=sum(link.reconnects for link in links),
         silence_s=round(max(0.0, min(board["age"] for board in boards)), 3) if boards else None,

@@ -11,10 +11,24 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from firmware.virtual.host import DRIFTS, Drift, HostCrunch
+from firmware.virtual.motor_board import MotorBoard
 from firmware.virtual.worlds import World
 
 Build = Literal["host", "avr"]
 BUILDS: tuple[Build, ...] = ("host", "avr")
+
+
+class Motors(Protocol):
+    """Maze Runner's motor board: the powers (-1..1) that its motors have, and its battery (V), which may be set."""
+
+    battery: float
+
+    @property
+    def powers(self) -> tuple[float, float]: ...
+
+    def run(self, ms: int) -> bytes: ...
+
+    def receive(self, data: bytes) -> None: ...
 
 
 class Boards(Protocol):
@@ -60,4 +74,16 @@ def boards_of(build: Build, world: World, start: np.ndarray, seed: int, drift: D
             from firmware.virtual.avr import AvrCrunch  # needs simavr: only who asks for it
 
             return AvrCrunch(world, start, seed, drift)
+    raise ValueError(f"no build {build!r} of the boards; known are {', '.join(BUILDS)}")
+
+
+def motor_board_of(build: Build) -> Motors:
+    """A motor board that was just switched on. ValueError for what is not known, CompilerError where it is not built."""
+    match build:
+        case "host":
+            return MotorBoard()
+        case "avr":
+            from firmware.virtual.avr.motor_board import AvrMotorBoard  # needs simavr: only who asks for it
+
+            return AvrMotorBoard()
     raise ValueError(f"no build {build!r} of the boards; known are {', '.join(BUILDS)}")

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from firmware.virtual.builds import Build, motor_board_of
 from firmware.virtual.maze_body import Drift, MazeBody
 from firmware.virtual.mice import Floor, MousePlace, VirtualMouse
-from firmware.virtual.motor_board import MotorBoard
 from firmware.virtual.on_air import OnAir
 from firmware.virtual.radio import Radio
 from firmware.virtual.urg import PERIOD_MS, VirtualUrg
@@ -27,7 +27,8 @@ AHEAD = 0.05  # m from the middle of the axle to the laser
 class VirtualMazeRunner(OnAir):
     """A robot at `start`, or where the world has it; `drift` names how unlike its motors are, and how floors slip.
 
-    It has optical mice at the places `mice`, which look at `floor`: a clean one unless it is given.
+    It has optical mice at the places `mice`, which look at `floor`: a clean one unless it is given. `build` is its
+    board's: the C on this machine, or the real program.
     """
 
     def __init__(
@@ -39,12 +40,13 @@ class VirtualMazeRunner(OnAir):
         radio: Radio | None = None,
         mice: Sequence[MousePlace] = (),
         floor: Floor | None = None,
+        build: Build = "host",
     ):
         super().__init__(radio, seed)
         x, y, heading = (float(part) for part in (world.start if start is None else start))
         self.world = world
         self.body = MazeBody(world, x, y, heading, seed, drift)
-        self.board = MotorBoard()
+        self.board = motor_board_of(build)
         self.laser = VirtualUrg(world, self.laser_at, seed)
         self.said = b""  # by the laser
         floor = floor or Floor()

@@ -30,6 +30,7 @@ from server.simulate import Simulation, simulate_drive
 from server.words import AutopilotWord, DriveWord, PlainWord
 from slam.evaluate import absolute_error
 from slam.timeline import associate
+from tests.firmware.avr_tools import need_simavr
 from tests.server.executors import Later
 from tests.server.rendered import rendered
 
@@ -145,6 +146,32 @@ def test_a_stop_ends_it_and_it_does_not_begin_again_before_it_is_resumed():
     assert served.explorer.state == "looking"
 
 
+def test_a_board_that_is_gone_is_told_though_its_laser_goes_on():
+    served = Served()
+    served.advance(1.0)
+    assert served.bridge.status().link.connected
+    served.lines["link0"].is_connected = False
+    served.advance(0.2)
+    status = served.bridge.status()
+    assert not status.link.connected
+    assert status.stops[0].reason == "connection lost"
+
+
+def test_the_real_program_drives_it_as_the_same_c_does():
+    need_simavr()
+    way = []
+    for build in ("host", "avr"):
+        virtual = VirtualMazeRunner(maze("small", 1), seed=1, build=build)
+        loop = Headless(virtual, 1)
+        loop.run(1.0)
+        loop.run(2.0, Drive(0.0, 0.1, 0.3))
+        way.append(virtual.pose)
+        assert loop.session.frames["laser"] > 10
+        assert loop.session.health(virtual.time)["rejected"] == 0
+    assert np.hypot(*(way[0] - way[1])[:2]) < 0.02
+    assert np.hypot(*way[1][:2]) > 0.08
+
+
 def test_the_radio_hears_it_no_more_often_than_a_person():
     served = Served(autopilot=True)
     served.advance(1.0)
@@ -231,18 +258,17 @@ def test_its_recording_is_replayed_and_shown_again(recording, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("world", "plan", "build", "remedy"),
+    ("world", "plan", "remedy"),
     [
-        ("maze:huge:1", None, "host", "write maze:medium:3"),
-        ("maze:small:x", None, "host", "write maze:medium:3"),
-        ("maze:small:1:2", None, "host", "write maze:medium:3"),
-        ("maze:1x4:2", None, "host", "two of each"),
-        ("maze:small:1", "demo", "host", "explore, frontiers, wall"),
-        ("maze:small:1", None, "avr", "leave it out"),
+        ("maze:huge:1", None, "write maze:medium:3"),
+        ("maze:small:x", None, "write maze:medium:3"),
+        ("maze:small:1:2", None, "write maze:medium:3"),
+        ("maze:1x4:2", None, "two of each"),
+        ("maze:small:1", "demo", "explore, frontiers, wall"),
     ],
 )
-def test_what_cannot_be_simulated_is_told_with_the_remedy(tmp_path, world, plan, build, remedy):
-    simulation = Simulation("maze_runner", world, plan, 1, tmp_path / "a.rlog", build=build)
+def test_what_cannot_be_simulated_is_told_with_the_remedy(tmp_path, world, plan, remedy):
+    simulation = Simulation("maze_runner", world, plan, 1, tmp_path / "a.rlog")
     with pytest.raises(UserError, match=remedy):
         simulate_drive(simulation, load())
     assert not list(tmp_path.iterdir())
