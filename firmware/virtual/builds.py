@@ -78,7 +78,7 @@ def boards_of(build: Build, world: World, start: np.ndarray, seed: int, drift: D
 
 
 def motor_board_of(build: Build) -> Motors:
-    """A motor board that was just switched on. ValueError for what is not known, CompilerError where it is not built."""
+    """A motor board that was just switched on. ValueError for an unknown build, CompilerError where it is not built."""
     match build:
         case "host":
             return MotorBoard()
