@@ -67,7 +67,7 @@ def run(case: Case, seed: int) -> Record:
     seen = float(np.mean(missed < NEAR))
     return {
         "seed": seed,
-        "explored": explorer.state == "done" and not explorer.left_alone and body.bumps == 0,
+        "explored": explorer.state == "done" and not explorer.left_alone and body.bumps == 0 and seen >= SEEN,
         "bumps": body.bumps,
         "left_alone": len(explorer.left_alone),
         "right": bool(np.max(off) < NEAR and seen >= SEEN),

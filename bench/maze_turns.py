@@ -14,9 +14,7 @@ from typing import Any
 
 from bench.benchmark import Bench, Column, each, failed, figures, middle, runs, share, tails
 from bench.maze import Case, run
-from server.explorer import ExplorerParams
 from server.robots.maze_runner import MazeRunnerParams
-from slam.motor_curve import MotorCurve, MotorParams
 
 MAZES = ("small", "medium")
 RATES = (0.3, 0.6, 1.2, 2.4, 4.0)  # rad/s
@@ -24,19 +22,11 @@ BOUNDED, UNBOUNDED, ALONE = "bounded", "unbounded", "unbounded, the laser alone"
 WAYS = (BOUNDED, UNBOUNDED, ALONE)
 
 
-def fastest_turn(motors: MotorParams) -> float:
-    """The rate (rad/s) at which the robot turns on the spot at full power."""
-    both = zip(motors.standing, motors.growth, strict=True)
-    return sum(MotorCurve(*each).fastest for each in both) / motors.track
-
-
 def settings_of(rate: float, way: str) -> Mapping[str, Any]:
     """Robot and explorer that want to turn at a rate (rad/s)."""
-    robot = MazeRunnerParams()
-    bound = robot.max_turn if way == BOUNDED else rate
-    reached = min(rate, bound, fastest_turn(robot.motors))
+    bound = MazeRunnerParams().max_turn if way == BOUNDED else rate
     return {
-        "explorer": {"turn": rate, "around": ExplorerParams().around * rate / reached},
+        "explorer": {"turn": rate},
         "maze_runner": {"max_turn": bound, "odometry": {"is_alone": way == ALONE}},
     }
 

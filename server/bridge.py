@@ -27,13 +27,15 @@ from server.pulse import Pulse
 from server.recording import Recorder
 from server.session import Session
 from server.status import driver_status, filter_status, link_status, loop_status, map_status, robot_status
+from server.stops import HARMLESS
 from server.stream import Hub
 from server.transport import Link
 from server.views import SessionStatus, Status, pose_view
-from server.words import CommandWord, PlainWord
+from server.words import AutopilotWord, CommandWord, PlainWord
 
 log = logging.getLogger(__name__)
 
+STEERING_SLACK = 0.03  # s by which a sweep may come early
 STATUS_EVERY = 8  # publications between two of the status when nothing calls for it
 
 
@@ -106,6 +108,8 @@ class Bridge:
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None
         self.is_virtual = False
+        self.explores_for = ""  # who switched the explorer on, if not the command line
+        self.reboots = 0  # of the boards, as far as the explorer knows
         self.autopilot: Autopilot | None = None
         self.about = SessionStatus(number=1, began=datetime.now(UTC))
         self.labels = Labels(self.note_label)
@@ -193,6 +197,8 @@ class Bridge:
         t = self.t
         self.control.read = self.robot.t
         self.tell(self.control.hear(viewer, word, t), t)
+        if isinstance(word, AutopilotWord):
+            self.explores_for = viewer
         if before != self.control.standing():
             self.sync_autopilot()
             self.publish_status()
@@ -210,6 +216,8 @@ class Bridge:
         """A viewer has gone."""
         t = self.t
         self.tell(self.control.leave(viewer, t), t)
+        if self.control.autopilot and isinstance(self.autopilot, Explorer) and self.explores_for == viewer:
+            self.end_exploring(t, "who let it explore has left", viewer)
         self.publish_status()
 
     def tick(self) -> None:
@@ -221,6 +229,7 @@ class Bridge:
         for link_id, request in self.session.requests(t).items():
             self.links[link_id].write(request)
         if isinstance(self.autopilot, Explorer):
+            self.watch_over(self.autopilot, t)
             self.tell(self.autopilot.tick(t, self.look), t)
         if self.control.autopilot and self.autopilot is not None and self.autopilot.finished:
             self.control.autopilot = False
@@ -228,6 +237,27 @@ class Bridge:
             self.adviser.tick(t, self.snapshot)
         if before != self.control.standing():
             self.publish_status()
+
+    def watch_over(self, explorer: Explorer, t: float) -> None:
+        """End exploring where the robot fell silent, began anew or stopped of itself: somebody may have it in hand."""
+        reboots = sum(clock.reboots for clock in self.session.clocks.values())
+        reason = self.robot.stop_reason
+        if not explorer.autopilot or self.robot.t <= 0.0:
+            self.reboots = reboots
+            return
+        is_silent = t - self.robot.t > self.control.params.stale
+        if is_silent or reboots != self.reboots or reason not in (None, *HARMLESS):
+            why = (
+                "the robot fell silent" if is_silent else "the robot began anew" if reboots != self.reboots else reason
+            )
+            self.end_exploring(t, why or "", "explorer")
+
+    def end_exploring(self, t: float, why: str, who: str) -> None:
+        """Nobody drives any more, and the robot stands."""
+        self.control.stops.note(t, why, who)
+        self.control.autopilot = False
+        self.sync_autopilot()
+        self.tell([Stop(t)], t)
 
     def halt(self) -> None:
         """Stand still at once, whatever happens next; for the end of the session."""
@@ -256,7 +286,9 @@ class Bridge:
 
     def is_hasty(self, effect: Effect, t: float) -> bool:
         """Whether the robot's own steering speaks sooner than the radio should hear it."""
-        return isinstance(effect, DriveCommand | PowersCommand) and not self.control.may_steer(t)
+        if isinstance(effect, PowersCommand):  # sweeps come as often as the radio is to hear of them
+            return (effect.left, effect.right) != (0.0, 0.0) and not self.control.may_steer(t, STEERING_SLACK)
+        return isinstance(effect, DriveCommand) and not self.control.may_steer(t)
 
     def sync_autopilot(self) -> None:
         """Tell the autopilot whether it drives."""

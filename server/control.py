@@ -98,6 +98,7 @@ class Control:
                 self._lead(viewer, t)
                 if not word.armed:
                     self.stops.note(t, "disarmed", viewer)
+                    self.autopilot = self.autopilot and False
                 return [*([] if word.armed else self._halt(t)), Arm(t, word.armed)]
             case AutopilotWord():
                 return self._switch_autopilot(viewer, word.on, t)
@@ -117,12 +118,12 @@ class Control:
             return halted
         return [] if self.wish is None else self._say(self.wish, t)
 
-    def may_steer(self, t: float) -> bool:
-        """Whether a command of the robot's own steering goes out now; the next waits for it as for a person's.
+    def may_steer(self, t: float, slack: float = 0.0) -> bool:
+        """Whether a command of the robot's own steering goes out now, or in `slack` s; the next waits for it.
 
         While a person wishes something none does: the robot steers anew whenever the wish is said, which is as often.
         """
-        if self.wish is not None or t - self.refreshed < self.params.refresh:
+        if self.wish is not None or t - self.refreshed < self.params.refresh - slack:
             return False
         self.refreshed = t
         return True

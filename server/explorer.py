@@ -26,8 +26,9 @@ from slam.wall_following import Lap, WallFollowingParams, follow
 from slam.walls import Walls
 
 REPEAT = 0.1  # s between two words to a robot that turns or follows a wall
+SIGHT = 0.5  # s after which what was seen is too old to drive by
 SAME_END = 0.3  # m within which two ways lead to the same place
-LONGER = 2.0  # times as long as a look around should take
+LONGER = 4.0  # s for each rad of a look around, at the most
 
 State = Literal["off", "looking", "driving", "following", "done"]
 Look = Callable[[], Snapshot]
@@ -80,6 +81,7 @@ class Explorer:
         self.looked_until = -math.inf  # of the look around, at the latest,
         self.turned, self.heading = 0.0, 0.0  # rad, so far; and where it looked last
         self.has_looked = False  # since it last drove
+        self.is_waiting = False  # until it sees something
         self.target: np.ndarray | None = None
         self.nearest, self.gained = math.inf, 0.0  # m to the target at the best, and when
         self.left_alone: list[np.ndarray] = []
@@ -127,22 +129,36 @@ class Explorer:
         return self.watch(t, look())
 
     def look_around(self, t: float, snapshot: Snapshot) -> None:
-        """Turn once about, for the laser does not see what is behind; no longer than a robot half as fast would."""
+        """Turn once about, for the laser does not see what is behind."""
         self.state, self.target, self.has_looked = "looking", None, True
-        self.looked_until = t + LONGER * self.params.around / self.params.turn
+        self.looked_until = t + LONGER * self.params.around
         self.turned, self.heading = 0.0, float(snapshot.pose[2])
 
     def turn_on(self, t: float, look: Look) -> list[Message]:
-        """Another word of the look around."""
-        self.told, heading = t, float(look().pose[2])
+        """Another word of the look around; who sees nothing waits."""
+        self.told, snapshot = t, look()
+        if is_blind(snapshot):
+            self.looked_until = math.inf
+            return self.wait(t)
+        if self.looked_until == math.inf:
+            self.look_around(t, snapshot)
+        self.is_waiting, heading = False, float(snapshot.pose[2])
         self.turned += float(wrap(heading - self.heading))
         self.heading = heading
         return [Drive(t, 0.0, self.params.turn)]
 
+    def wait(self, t: float) -> list[Message]:
+        """Stand still, which is said once."""
+        was_waiting, self.is_waiting = self.is_waiting, True
+        return [] if was_waiting else [Stop(t)]
+
     def follow(self, t: float, look: Look) -> list[Message]:
-        """Another word of the way along a wall; none where nothing is seen."""
+        """Another word of the way along a wall; who sees nothing waits."""
         self.told = t
         snapshot = look()
+        if is_blind(snapshot):
+            return self.wait(t)
+        self.is_waiting = False
         if self.lap.step(snapshot.pose):
             self.state = "done"
             return [Stop(t)]
@@ -152,6 +168,9 @@ class Explorer:
 
     def watch(self, t: float, snapshot: Snapshot) -> list[Message]:
         """Choose the next frontier, here or in the thread."""
+        if is_blind(snapshot):
+            return self.wait(t)
+        self.is_waiting = False
         arguments = snapshot, tuple(self.left_alone), self.target, self.params, self.navigation
         if self.executor is None:
             return self.drive_to(choose(*arguments), t, snapshot)
@@ -185,6 +204,11 @@ class Explorer:
             return []
         way = [(float(x), float(y)) for x, y in places]
         return [Goal(t, way[-1], self.params.speed, tuple(way[:-1]))]
+
+
+def is_blind(snapshot: Snapshot) -> bool:
+    """Whether the robot has seen nothing for too long to drive by it."""
+    return snapshot.t - snapshot.looked > SIGHT
 
 
 def choose(

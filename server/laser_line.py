@@ -14,6 +14,7 @@ from server.formats.laser import SENSOR
 from server.messages import Ranges
 from slam.laser_scan import LaserParams
 
+LONG = 3.0  # s of silence that people are told of
 SILENCE = 1.0  # s without a sweep after which it is asked, and asked again
 PARTICULARS = b"QT\nSCIP2.0\nPP\n"  # whatever it does, it is to end it; an old one is told to speak 2.0
 TOLERANCE = 1e-3  # degrees
@@ -33,6 +34,7 @@ class LaserLine:
         self.heard = self.asked = -math.inf  # when a sweep came last, and when it was last asked for something
         self.steps: tuple[int, int] | None = None  # that it is to tell of, as soon as somebody asks
         self.fault = ""
+        self.begun = math.inf  # when somebody first waited for it
         self.refused: Counter[str] = Counter()
 
     def receive(self, data: bytes, t: float) -> list[Ranges]:
@@ -51,6 +53,8 @@ class LaserLine:
 
     def learn(self, answer: scip.Answer) -> None:
         """Take its particulars up, if that is what it answers with."""
+        if answer.request.startswith("MD") and answer.status != "00":
+            self.fault = f"the laser refuses to sweep (status {answer.status}): see its manual"
         if not answer.request.startswith("PP"):
             return
         try:
@@ -78,6 +82,9 @@ class LaserLine:
         if t - self.heard < SILENCE:
             self.steps = None
             return b""
+        self.begun = min(self.begun, t)
+        if t - max(self.heard, self.begun) > LONG and not self.fault:
+            self.fault = "the laser says nothing: is it the right line, and is it switched on?"
         if self.steps is not None:
             request, self.steps = scip.start(*self.steps), None
         elif t - self.asked >= SILENCE:

@@ -92,8 +92,11 @@ def run_demo(
     `build` is that of the robot's boards. World and plan follow from one another as in `simulate`; a world where no
     tour can be planned has no autopilot. Maze Runner's is its explorer.
     """
+    from server.simulate import with_rule
+
     control = Control(options.config.control.at_speed(speed))
     if ROBOTS[options.robot].explores:
+        options = replace(options, config=with_rule(options.config, options.robot, plan))
         options, links = virtual_maze_runner(options, world, drift, speed, mice, build)
         return run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it

@@ -5,6 +5,7 @@ Nothing here knows a byte format, a robot or a file.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -321,6 +322,7 @@ class Snapshot:
     affinity: float
     plausibility: float
     balance: Balance | None = None
+    looked: float = -math.inf  # s, when the newest sweep came; what is older than a moment is nothing to drive by
     power: Power | None = None
     motors: Motors | None = None
     mice: MiceHealth | None = None  # where the odometry is theirs

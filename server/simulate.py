@@ -108,12 +108,7 @@ def simulate_drive(simulation: Simulation, settings: Config, progress: Progress 
 
 def simulate_exploring(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record how a robot explores a maze; one line about it."""
-    rule = RULES.get(simulation.plan or "explore")
-    if rule is None:
-        raise UserError(f"--plan {simulation.plan}: {simulation.robot} drives by none but {', '.join(RULES)}")
-    if simulation.plan is not None:
-        settings = Config(**merge(settings.model_dump(), {"explorer": {"rule": rule}}))
-    settings = with_mice(settings, simulation.mice)
+    settings = with_mice(with_rule(settings, simulation.robot, simulation.plan), simulation.mice)
     with mendable():
         world = load_world(simulation.world or f"maze:medium:{simulation.seed}")
         mice = PLACES[: simulation.mice]
@@ -128,7 +123,18 @@ def simulate_exploring(simulation: Simulation, settings: Config, progress: Progr
         loop.run(REST)
     write_tum(simulation.out.with_name(simulation.out.name + ".truth.tum"), *robot.truth())
     state = "" if loop.explorer.finished else f"; the map was not closed in {longest:.0f} s"
-    return describe(robot, robot.time) + f", {robot.body.bumps} walls touched" + state
+    abandoned = loop.explorer.progress.abandoned
+    given_up = f", {abandoned} frontiers given up" if abandoned else ""
+    return describe(robot, robot.time) + f", {robot.body.bumps} walls touched{given_up}" + state
+
+
+def with_rule(settings: Config, robot: str, plan: str | None) -> Config:
+    """Settings by whose rule a robot explores that a plan names; UserError for a plan that is none of them."""
+    if plan is None:
+        return settings
+    if plan not in RULES:
+        raise UserError(f"--plan {plan}: {robot} drives by none but {', '.join(RULES)}")
+    return Config(**merge(settings.model_dump(), {"explorer": {"rule": RULES[plan]}}))
 
 
 def check_mice(robot: str, mice: int) -> None:
@@ -139,11 +145,11 @@ def check_mice(robot: str, mice: int) -> None:
 
 
 def with_mice(settings: Config, mice: int) -> Config:
-    """Settings that know where the virtual mice sit, unless they say where mice do."""
-    if mice == 0 or settings.maze_runner.mice is not None:
-        return settings
-    places = [place._asdict() for place in PLACES[:mice]]
-    return Config(**merge(settings.model_dump(), {"maze_runner": {"mice": {"mice": places}}}))
+    """Settings that know where the virtual mice sit, if there are any; UserError where they say otherwise."""
+    if mice and settings.maze_runner.mice is not None:
+        raise UserError("maze_runner.mice tells of real mice; leave it out, and --mice N seats virtual ones")
+    seats = {"mice": [place._asdict() for place in PLACES[:mice]]} if mice else None
+    return Config(**merge(settings.model_dump(), {"maze_runner": {"mice": seats}}))
 
 
 def world_and_plan(world: str | None, plan: str | None, seed: int) -> tuple[World, Plan]:

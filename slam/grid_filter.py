@@ -1,10 +1,10 @@
-"""FastSLAM on occupancy grids for a laser: every particle has a path and a map of its own (Maze Runner, algorithm 3).
+"""FastSLAM on occupancy grids for a laser: every particle has a path and its family's map (Maze Runner, algorithm 3).
 
 The paper moves particles at random, weighs them by their scans and draws these into their maps. Here a vertex's scan is
-first aligned with the one before (point-to-line), which moves all particles alike; then each is laid onto its own map,
+first aligned with the one before (point-to-line), which moves all particles alike; then each is laid onto its map,
 drawn from how well map and motion together know the pose (Grisetti, Stachniss and Burgard, IEEE T-RO 23, 2007), and
-weighed by how well the scan fits. Maps share patches along the path tree. Uses its siblings `path_filter`, for the
-estimate's form, `path_tree`, `laser_maps`, `map_matching` and `scan_motion`.
+weighed by how well the scan fits. Maps share patches along the path tree. Uses its siblings `families`,
+`path_filter`, for the estimate's form, `path_tree`, `laser_maps`, `map_matching` and `scan_motion`.
 """
 
 from __future__ import annotations

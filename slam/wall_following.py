@@ -40,8 +40,11 @@ class WallFollowingParams(Params):
 def follow(points: np.ndarray, params: WallFollowingParams) -> tuple[float, float]:
     """Speed (m/s) and turn rate (rad/s) along the wall whose points (n, 2) are seen, in the robot's frame.
 
-    Straight on where no wall is seen; points behind the robot on the other side do not count.
+    Straight on where no wall is near, and nowhere where nothing at all is seen; points behind the robot on the other
+    side do not count.
     """
+    if not len(points):
+        return 0.0, 0.0
     sign = -1.0 if params.side == "right" else 1.0
     ahead = points[(np.abs(points[:, 1]) < params.half_width) & (points[:, 0] > 0.0)]
     room = float(ahead[:, 0].min()) if len(ahead) else math.inf

@@ -292,6 +292,7 @@ class Crunch:
             vertex_odometry=np.array(self.vertices[:known]).reshape(-1, 3),
             balance=self.balance,
             power=self.power,
+            looked=self.looked,
             boards=dict(self.boards),
             last_words=self.last_words,
             **self.pilot.shown(pose),

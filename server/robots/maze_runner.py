@@ -17,6 +17,7 @@ from pydantic import Field
 from server.channels import Calibration
 from server.formats.laser import SENSOR
 from server.messages import (
+    Arm,
     Drive,
     DriveCommand,
     Effect,
@@ -157,7 +158,7 @@ class MazeRunner:
                 return [self.powers(message.speed, message.turn)]
             case Goal(place=tuple()):
                 self.pilot.aim(message, self.pose())
-            case Goal() | Stop():
+            case Goal() | Stop() | Arm(armed=False):
                 self.pilot.rest()
                 return [StopCommand()]
             case Status():
@@ -308,6 +309,7 @@ class MazeRunner:
             motors=self.motors,
             mice=self.mice.health if self.mice else None,
             battery_limits=(self.params.battery_low, self.params.battery_empty),
+            looked=self.looked,
             boards=dict(self.boards),
             **self.pilot.shown(pose),
             **shown_of(estimate),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from server.robots.kinds import LASER
 from server.robots.maze_runner import MazeRunner, MazeRunnerParams, make_estimator
 from server.session import session_of
 from server.simulate import Simulation, simulate_drive
-from server.words import AutopilotWord, DriveWord, PlainWord
+from server.words import ArmWord, AutopilotWord, DriveWord, PlainWord
 from slam.evaluate import absolute_error
 from slam.timeline import associate
 from tests.firmware.avr_tools import need_simavr
@@ -68,7 +69,8 @@ class Line:
 class Served:
     """All of a live session with Maze Runner but asyncio."""
 
-    def __init__(self, size="small", seed=1, autopilot=False, executor=None):
+    def __init__(self, size="small", seed=1, autopilot=False, executor=None, rule="frontiers"):
+        self.is_deaf = self.is_cut = False  # for the laser, and for the board
         self.virtual = VirtualMazeRunner(maze(size, seed), seed=seed)
         self.lines = {
             "link0": Line("virtual:maze", self.virtual.write),
@@ -78,7 +80,7 @@ class Served:
         navigation = navigation_of(SETTINGS, "maze_runner")
         control = Control(ControlParams(), autopilot)
         self.bridge = Bridge(robot, session_of("maze_runner", robot, PARAMS), self.lines, control, {}, navigation)
-        self.explorer = Explorer(ExplorerParams(), navigation, executor)
+        self.explorer = Explorer(ExplorerParams(rule=rule), navigation, executor)
         self.explorer.autopilot = autopilot
         self.bridge.autopilot = self.explorer
         self.bridge.estimator = InlineEstimator(lambda: make_estimator(PARAMS), self.bridge.believe)
@@ -88,8 +90,11 @@ class Served:
             for line in self.lines.values():
                 line.time += STEP
             now = self.lines["link0"].time
-            self.bridge.receive("link0", self.virtual.advance(STEP), now)
-            self.bridge.receive(LASER, self.virtual.take_laser(), now)
+            said, swept = self.virtual.advance(STEP), self.virtual.take_laser()
+            if not self.is_cut:
+                self.bridge.receive("link0", said, now)
+            if not self.is_deaf:
+                self.bridge.receive(LASER, swept, now)
             self.bridge.tick()
 
     def drive(self, speed):
@@ -195,8 +200,66 @@ def test_a_choice_that_takes_long_does_not_hold_anybody_up():
     assert served.explorer.state == "driving"
 
 
+@pytest.mark.parametrize("rule", ["frontiers", "wall"])
+def test_who_sees_nothing_stands_and_waits(rule):
+    served = Served(autopilot=True, rule=rule)
+    served.is_deaf = True
+    served.advance(5.0)
+    assert served.virtual.body.distance < 0.01
+    assert abs(served.virtual.pose[2] - served.virtual.world.start[2]) < 0.02
+    assert "the laser says nothing" in served.bridge.status().link.error
+    served.is_deaf = False
+    served.advance(6.0)
+    assert served.virtual.body.distance + abs(served.virtual.pose[2]) > 0.3
+    served.is_deaf = True
+    served.advance(1.5)
+    still = served.virtual.pose
+    served.advance(3.0)
+    assert served.virtual.pose == pytest.approx(still, abs=0.01)
+    assert served.explorer.autopilot, "it goes on as soon as it sees again"
+
+
+def test_disarmed_it_stands():
+    served = Served(autopilot=True)
+    served.advance(4.0)
+    served.bridge.hear("ann", ArmWord(type="arm", armed=False))
+    served.advance(1.0)
+    still = served.virtual.pose
+    served.advance(1.0)
+    assert served.virtual.pose == pytest.approx(still, abs=1e-3)
+    assert served.bridge.status().driver.exploring == "off"
+
+
+def test_a_board_that_was_gone_is_not_driven_on_when_it_comes_back():
+    served = Served(autopilot=True)
+    served.advance(4.0)
+    served.is_cut = True
+    served.advance(4.0)
+    assert served.bridge.status().driver.exploring == "off"
+    assert served.bridge.status().stops[0].reason == "the robot fell silent"
+    still = served.virtual.pose
+    served.is_cut = False
+    served.advance(2.0)
+    assert served.virtual.pose == pytest.approx(still, abs=1e-3)
+
+
+def test_who_let_it_explore_may_not_leave_it_alone():
+    served = Served()
+    served.advance(1.0)
+    served.bridge.hear("ann", AutopilotWord(type="autopilot", on=True))
+    served.advance(2.0)
+    served.bridge.left("bob")
+    assert served.explorer.autopilot
+    served.bridge.left("ann")
+    assert not served.explorer.autopilot
+    unattended = Served(autopilot=True)
+    unattended.advance(2.0)
+    unattended.bridge.left("ann")
+    assert unattended.explorer.autopilot, "the command line said so"
+
+
 def test_walls_all_around_are_no_frontier():
-    snapshot = MazeRunner(PARAMS).snapshot()
+    snapshot = dataclasses.replace(MazeRunner(PARAMS).snapshot(), looked=0.0)
     assert choose(snapshot, (), None, ExplorerParams(), navigation_of(SETTINGS, "maze_runner")) is None
     explorer = Explorer(ExplorerParams(around=0.6), NavigatorParams())
     explorer.autopilot = True

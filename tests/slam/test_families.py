@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from slam.evaluate import absolute_error
-from slam.families import FamilyParams, families_of
+from slam.families import FamilyParams, families_of, join, look_back
 from slam.grid_filter import GridFilter, GridFilterParams
 from slam.path_tree import PathTree
 from slam.pose import wrap
+from tests.naive import families as naive
 from tests.slam.laser_world import around, odometry_of, ring, seen_at
 
 PARAMS = FamilyParams()
@@ -55,6 +56,19 @@ def test_members_are_like_their_heads_and_heads_unlike_one_another(seed):
         assert not any(is_like(paths[p], paths[head], strict(PARAMS)) for head in heads[:family]), (
             "the first it is like"
         )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_kernels_are_as_their_slow_twins(seed):
+    rng = np.random.default_rng(100 + seed)
+    tree = grown(25, int(rng.integers(2, 50)), 0.02, rng)
+    lags = np.array([0, 1, 2, 4, 8, 16, 32, 64])
+    histories = np.empty((25, len(lags), 3), np.float32)
+    look_back(tree.nodes, tree.leaves, tree.n_levels, lags, histories)
+    assert np.array_equal(histories, naive.look_back([tree.path(p) for p in range(25)], lags))
+    families, heads = np.empty(25, np.int64), np.empty(25, np.int64)
+    n = join(histories, 0.03, 0.02, 3.0, families, heads)
+    assert (families.tolist(), heads[:n].tolist()) == naive.join(histories, 0.03, 0.02, 3.0)
 
 
 def strict(params):

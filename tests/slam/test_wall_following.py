@@ -62,7 +62,7 @@ def test_what_it_tells_is_never_beyond_its_bounds():
 
 
 def test_without_a_wall_it_goes_straight_on():
-    assert follow(np.empty((0, 2)), PARAMS) == (PARAMS.speed, 0.0)
+    assert follow(np.empty((0, 2)), PARAMS) == (0.0, 0.0), "it is blind"
     assert follow(np.array([[-1.0, 0.0], [0.0, 1.0]]), PARAMS) == (PARAMS.speed, 0.0), "behind, and on the other side"
 
 
