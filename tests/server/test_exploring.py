@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -69,7 +70,9 @@ class Line:
 class Served:
     """All of a live session with Maze Runner but asyncio."""
 
-    def __init__(self, size="small", seed=1, autopilot=False, executor=None, rule="frontiers"):
+    def __init__(
+        self, size="small", seed=1, autopilot=False, executor=None, rule: Literal["frontiers", "wall"] = "frontiers"
+    ):
         self.is_deaf = self.is_cut = False  # for the laser, and for the board
         self.virtual = VirtualMazeRunner(maze(size, seed), seed=seed)
         self.lines = {
@@ -201,7 +204,7 @@ def test_a_choice_that_takes_long_does_not_hold_anybody_up():
 
 
 @pytest.mark.parametrize("rule", ["frontiers", "wall"])
-def test_who_sees_nothing_stands_and_waits(rule):
+def test_who_sees_nothing_stands_and_waits(rule: Literal["frontiers", "wall"]):
     served = Served(autopilot=True, rule=rule)
     served.is_deaf = True
     served.advance(5.0)
