@@ -25,10 +25,8 @@ class LaserLine:
 
     name = "laser"  # of its sweeps among the session's frames
 
-    def __init__(self, laser: LaserParams, delay: float = 0.0):
-        """`delay` (s) lies between the middle of a sweep and its arrival, at least."""
+    def __init__(self, laser: LaserParams):
         self.laser = laser
-        self.delay = delay
         self.decoder = scip.Decoder()
         self.stamps = scip.Stamps()
         self.heard = self.asked = -math.inf  # when a sweep came last, and when it was last asked for something
@@ -47,8 +45,7 @@ class LaserLine:
                 self.refused["beams"] += 1
             else:
                 self.heard, self.fault = t, ""
-                middle = self.stamps.to_host(said.time_ms, t) - self.delay
-                sweeps.append(Ranges(middle, SENSOR, said.ranges))
+                sweeps.append(Ranges(self.stamps.to_host(said.time_ms, t), SENSOR, said.ranges))
         return sweeps
 
     def learn(self, answer: scip.Answer) -> None:

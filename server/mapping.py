@@ -143,7 +143,7 @@ class MazeMapper:
         if isinstance(message, (Odometry, Motors)):
             self.times.append(message.t)
         if isinstance(message, Ranges) and row >= 0 and self.robot.follower.last is not None:
-            row = row_at(self.times, message.t)
+            row = row_at(self.times, self.robot.taken)
             if self.rows and self.rows[-1] == row:
                 self.followed[-1] = self.robot.follower.pose
             else:
@@ -199,7 +199,7 @@ def bundled(drive: Drive, echoes: Echoes, path: np.ndarray, params: CrunchParams
 def with_sensors(params: Any, log: Log) -> Any:
     """The robot with the senses that the log was made with; ConfigError where the robot's own do not fit it."""
     if isinstance(params, MazeRunnerParams):
-        return params.model_copy(update={"laser": log.laser}) if log.laser else params
+        return params.model_copy(update={"laser": log.laser, "laser_delay": 0.0}) if log.laser else params
     if log.sensors:
         return params.model_copy(update={"sensors": log.sensors})
     check_rings(params.sensors)

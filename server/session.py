@@ -199,7 +199,7 @@ def session_of(name: str, robot: Robot, params: Any, sink: Sink | None = None) -
     """The session of a robot by its name, with the lines that such a one speaks on; `params` are the robot's."""
     kind = ROBOTS[name]
     calibration = getattr(params, "calibration", channels.Calibration())
-    lines: dict[str, SideLine] = {LASER: LaserLine(params.laser, params.laser_delay)} if kind.has_laser else {}
+    lines: dict[str, SideLine] = {LASER: LaserLine(params.laser)} if kind.has_laser else {}
     lines |= {link_id: MouseLine(number) for number, link_id in enumerate(mouse_lines(kind.mice))}
     return Session(robot, calibration, sink, kind.boards, lines)
 

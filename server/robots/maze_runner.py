@@ -118,7 +118,7 @@ class MazeRunner:
         self.has_odometry = False
         self.history: deque[tuple[float, np.ndarray]] = deque()  # of the odometry, with its times
         self.seen_at = np.zeros(3)  # the odometry when the newest scan was taken
-        self.looked = -math.inf  # when a scan came last
+        self.looked = self.taken = -math.inf  # when a scan came last, and when it was taken
         self.travelled = self.distance = 0.0  # m since the last vertex, and since the start
         self.vertices: list[np.ndarray] = []
         self.times: list[float] = []  # of the vertices
@@ -187,7 +187,8 @@ class MazeRunner:
         """Follow a scan, and steer by it; it is a vertex's where the robot has moved on."""
         walls = walls_of(message.ranges, self.rays, self.params.scan)
         before = self.follower.pose
-        told = self.odometry_at(message.t)  # for a sweep comes late
+        self.taken = message.t - self.params.laser_delay
+        told = self.odometry_at(self.taken)
         pose = self.follower.step(compose(told, self.mount), scan_of(walls, self.params.filter.jump))
         self.last_ranges, self.walls = message.ranges, walls
         self.seen_at, self.looked = told, self.t
@@ -200,9 +201,9 @@ class MazeRunner:
             is_near = math.hypot(apart[0], apart[1]) < self.params.vertex_spacing
             if is_near and abs(apart[2]) < self.params.vertex_turn:
                 return effects
-        keyframe = Keyframe(message.t, len(self.vertices), pose, walls, self.travelled)
+        keyframe = Keyframe(self.taken, len(self.vertices), pose, walls, self.travelled)
         self.vertices.append(pose)
-        self.times.append(message.t)
+        self.times.append(self.taken)
         self.told.append(compose(told, self.mount))
         self.observations.append(walls)
         self.curves.append(curves(walls, self.params.filter.jump))

@@ -315,6 +315,18 @@ def test_its_recording_is_mapped_to_the_centimetre(recording, seed):
     assert error.rotation.rmse < np.radians(1.0)
 
 
+def test_a_sweep_is_laid_where_it_was_taken(recording):
+    """What the delay is may be tried out on a recording; half a tenth of a second too little shows in the headings."""
+    times, truth = read_tum(recording.with_name("a.rlog.truth.tum"))
+    off = []
+    for delay in (PARAMS.laser_delay, 0.0):
+        result = run_log(open_log(recording), PARAMS.model_copy(update={"laser_delay": delay}))
+        matches = associate(result.drive.times, times)
+        error = absolute_error(result.trajectory[matches.rows], truth[matches.reference_rows])
+        off.append(error.rotation.rmse)
+    assert off[0] < 0.6 * off[1]
+
+
 def test_its_recording_is_replayed_and_shown_again(recording, tmp_path):
     report = replay(recording, tmp_path / "map", Options("maze_runner"))
     assert report.vertices > 15
