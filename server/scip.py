@@ -7,8 +7,7 @@ to a range. Knows no transport: bytes come in as they arrive, in whatever pieces
 
 from __future__ import annotations
 
-import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ CHARACTERS = 3  # of a range
 BLOCK = 64  # characters of data before a check
 LEAST = 20  # mm; smaller numbers are codes of what went wrong
 STAMP_WRAP = 1 << 24  # ms
+WINDOW = 30.0  # s in which some sweep comes without being held up
 ON_THE_WAY = "99"  # status of a sweep
 LONGEST = 8192  # bytes of an answer; what is longer is noise without empty lines
 
@@ -161,18 +161,24 @@ def numbers_of(answer: Answer, *keys: str) -> list[int]:
 class Stamps:
     """A laser's time stamps, which wrap, as seconds since its first, and as the host's time.
 
-    A sweep cannot arrive before it ended: the least delay seen is the line's, and what comes later was held up.
+    A sweep cannot arrive before it ended: the least delay of the last half minute is the line's, and what comes later
+    was held up. It is no longer than that because no two clocks run alike: 100 ppm are 3 ms in that time.
     """
 
     def __init__(self) -> None:
         self.last: int | None = None
         self.seconds = 0.0
-        self.offset = math.inf  # host's time less the laser's, the least that was seen
+        self.delays: deque[tuple[float, float]] = deque()  # arrivals, and the host's time less the laser's, ascending
 
     def to_host(self, time_ms: int, arrival: float) -> float:
         """The host's time (s) of a stamp that arrived at `arrival`."""
         if self.last is not None:
             self.seconds += ((time_ms - self.last) % STAMP_WRAP) * 1e-3
         self.last = time_ms
-        self.offset = min(self.offset, arrival - self.seconds)
-        return self.seconds + self.offset
+        delay = arrival - self.seconds
+        while self.delays and self.delays[-1][1] >= delay:
+            self.delays.pop()
+        self.delays.append((arrival, delay))
+        while arrival - self.delays[0][0] > WINDOW:
+            self.delays.popleft()
+        return self.seconds + self.delays[0][1]

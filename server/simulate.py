@@ -145,9 +145,12 @@ def check_mice(robot: str, mice: int) -> None:
 
 
 def with_mice(settings: Config, mice: int) -> Config:
-    """Settings that know where the virtual mice sit, if there are any; UserError where they say otherwise."""
-    if mice and settings.maze_runner.mice is not None:
-        raise UserError("maze_runner.mice tells of real mice; leave it out, and --mice N seats virtual ones")
+    """Settings that know where the virtual mice sit, as they say or as those do; UserError for another number."""
+    told = settings.maze_runner.mice
+    if mice and told is not None:
+        if len(told.mice) != mice:
+            raise UserError(f"--mice {mice}: maze_runner.mice tells where {len(told.mice)} sit; leave it out, or agree")
+        return settings
     seats = {"mice": [place._asdict() for place in PLACES[:mice]]} if mice else None
     return Config(**merge(settings.model_dump(), {"maze_runner": {"mice": seats}}))
 

@@ -176,6 +176,9 @@ def test_a_recording_with_mice_is_mapped_to_the_same_bytes_twice_and_shown(recor
 def test_settings_that_say_where_mice_sit_are_kept():
     settings = load(assignments=["maze_runner.mice.mice=[{x = 0.2}, {x = -0.2, angle = 1.5}]"])
     assert with_mice(settings, 2) is settings
+    with pytest.raises(UserError, match="tells where 2 sit"):
+        with_mice(settings, 3)
+    assert with_mice(settings, 0).maze_runner.mice is None, "a virtual robot without mice"
     assert with_mice(Config(), 0).maze_runner.mice is None
     known = with_mice(Config(), 3).maze_runner.mice
     assert known is not None

@@ -178,3 +178,13 @@ def test_stamps_become_the_hosts_time_without_the_lines_jitter():
         time_ms = (STAMP_WRAP - 5000 + 100 * sweep) % STAMP_WRAP
         errors.append(stamps.to_host(time_ms, true + 0.002 + float(rng.exponential(0.005))) - true)
     assert np.abs(np.array(errors[50:]) - 0.002).max() < 0.001
+
+
+@pytest.mark.parametrize("ppm", [-200.0, 200.0])
+def test_a_laser_whose_clock_runs_wrong_is_followed(ppm):
+    rng, stamps, errors = np.random.default_rng(5), Stamps(), []
+    for sweep in range(36_000):
+        true = 0.1 * sweep
+        told = round(1e3 * true * (1.0 + 1e-6 * ppm)) % STAMP_WRAP
+        errors.append(stamps.to_host(told, true + 0.002 + float(rng.exponential(0.005))) - true)
+    assert np.abs(np.array(errors[50:])).max() < 0.012
