@@ -230,7 +230,7 @@ class Bridge:
             self.links[link_id].write(request)
         if isinstance(self.autopilot, Explorer):
             self.watch_over(self.autopilot, t)
-            self.tell(self.autopilot.tick(t, self.look), t)
+            self.tell(self.autopilot.tick(t, self.snapshot), t)
         if self.control.autopilot and self.autopilot is not None and self.autopilot.finished:
             self.control.autopilot = False
         if self.hub.viewers:
@@ -245,12 +245,12 @@ class Bridge:
         if not explorer.autopilot or self.robot.t <= 0.0:
             self.reboots = reboots
             return
-        is_silent = t - self.robot.t > self.control.params.stale
-        if is_silent or reboots != self.reboots or reason not in (None, *HARMLESS):
-            why = (
-                "the robot fell silent" if is_silent else "the robot began anew" if reboots != self.reboots else reason
-            )
-            self.end_exploring(t, why or "", "explorer")
+        if t - self.robot.t > self.control.params.stale:
+            self.end_exploring(t, "the robot fell silent", "explorer")
+        elif reboots != self.reboots:
+            self.end_exploring(t, "the robot began anew", "explorer")
+        elif reason is not None and reason not in HARMLESS:
+            self.end_exploring(t, reason, "explorer")
 
     def end_exploring(self, t: float, why: str, who: str) -> None:
         """Nobody drives any more, and the robot stands."""

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from server.messages import Drive, Goal, Message, Snapshot, Stop
 from server.navigator import NavigatorParams, floor_of
+from server.robots.pilot import SIGHT
 from slam.cost_grid import CostGrid, cost_grid
 from slam.frontiers import Frontier, FrontierParams, frontiers
 from slam.params import Params
@@ -26,8 +27,6 @@ from slam.wall_following import Lap, WallFollowingParams, follow
 from slam.walls import Walls
 
 REPEAT = 0.1  # s between two words to a robot that turns or follows a wall
-SIGHT = 0.5  # s after which what was seen is too old to drive by
-SAME_END = 0.3  # m within which two ways lead to the same place
 LONGER = 4.0  # s for each rad of a look around, at the most
 
 State = Literal["off", "looking", "driving", "following", "done"]
@@ -226,11 +225,11 @@ def choose(
         known = [each for each in found if all(math.dist(each.place, place) > params.same for place in left_alone)]
         if known:
             chosen = kept(known, target, params) or known[0]
-            return Choice(chosen, way_to(chosen.place, floor, snapshot, navigation.better))
+            return Choice(chosen, way_to(chosen.place, floor, snapshot, params.same, navigation.better))
     return None
 
 
-def way_to(place: np.ndarray, floor: CostGrid, snapshot: Snapshot, better: float) -> np.ndarray | None:
+def way_to(place: np.ndarray, floor: CostGrid, snapshot: Snapshot, same: float, better: float) -> np.ndarray | None:
     """Places (n, 2) to pass; none where there is no way, None where the old one costs little more.
 
     A robot between two ways of about the same length would else turn to the one and the other for ever.
@@ -241,7 +240,7 @@ def way_to(place: np.ndarray, floor: CostGrid, snapshot: Snapshot, better: float
         places = plan(floor, start, place).places
     except NoWay:
         return np.empty((0, 2))
-    if snapshot.goal is not None and math.dist(snapshot.goal, place) < SAME_END:
+    if snapshot.goal is not None and math.dist(snapshot.goal, place) < same:
         driven = way_cost(floor, start, np.vstack([snapshot.route, snapshot.goal]))
         if better * driven <= way_cost(floor, start, places):
             return None

@@ -77,11 +77,11 @@ class RefinedGridFilter:
         is_fresh = not is_quick or self.correction is None
         start = before if is_fresh or self.correction is None else corrected(self.correction, before)
         graph = ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params)
-        after = self.chosen(graph, graph.refine(start, None if is_fresh else QUICK, beat), before)
+        after = self.chosen(graph, graph.refine(start, None if is_fresh else QUICK, beat), before, beat)
         self.correction = correction_by(graph.covariances(after), before, after)
         self.n_refined, self.is_quick = len(self.odometry), not is_fresh
 
-    def chosen(self, graph: ScanGraph, refined: np.ndarray, filtered: np.ndarray) -> np.ndarray:
+    def chosen(self, graph: ScanGraph, refined: np.ndarray, filtered: np.ndarray, beat: Beat) -> np.ndarray:
         """The refined path (n, 3), unless its loops fold the map: then the odometry's, or the filter's.
 
         Loops that agree with one another may all be wrong, where one room is like the next; then scans that the folded
@@ -90,7 +90,7 @@ class RefinedGridFilter:
         if not len(graph.loops.pairs):
             return refined
         ways = (refined, np.array(self.odometry), filtered)
-        shares = [graph.agreement_along(path) for path in ways]
+        shares = [graph.agreement_along(path, beat) for path in ways]
         best = int(np.argmax(shares))
         if shares[best] - shares[0] < FOLDED:
             return refined

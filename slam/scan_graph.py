@@ -123,13 +123,18 @@ class ScanGraph:
         terms = Terms(*(np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)))
         return sum(part[0] for part in parts), terms, Border.zeros(len(poses), shared.size)
 
-    def agreement_along(self, path: np.ndarray) -> float:
-        """The share of ends that agree, of those that speak, over all scans that a path (n, 3) puts near each other."""
+    def agreement_along(self, path: np.ndarray, beat: Beat = lambda: None) -> float:
+        """The share of ends that agree, of those that speak, over all scans that a path (n, 3) puts near each other.
+
+        `beat` is called now and then.
+        """
         params = self.params
         pairs = np.empty((len(path) * WITNESSES, 2), np.int64)
         pairs = pairs[: near_pairs(path, params.last_range, WITNESSES, 1, pairs)]
         agree, through = 0, 0
-        for first, second in pairs:
+        for row, (first, second) in enumerate(pairs):
+            if row % 256 == 0:
+                beat()
             pose = between(path[first], path[second])
             for counts in views_of(self.scans[second], self.scans[first], pose, params.agreement):
                 agree, through = agree + counts[0], through + counts[1]

@@ -39,7 +39,7 @@ from server.messages import (
 )
 from server.robots.foldback import TieBreaker
 from server.robots.odometry import WheelOdometry
-from server.robots.pilot import Pilot, Reins
+from server.robots.pilot import SIGHT, Pilot, Reins
 from slam.bundle import BundleParams
 from slam.echoes import Sweep
 from slam.islands import Islands
@@ -53,8 +53,6 @@ from slam.refined_filter import RefinedFilter
 from slam.refinement import RefinementParams
 from slam.vfh import Vfh, VfhParams
 from slam.walls import WallParams, Walls, curves, extract
-
-SIGHT = 0.5  # s after which the last sweep is too old to steer by
 
 
 class CrunchParams(Params):

@@ -38,7 +38,7 @@ from server.messages import (
     shown_of,
 )
 from server.robots.mice import Mice
-from server.robots.pilot import Pilot, Reins
+from server.robots.pilot import SIGHT, Pilot, Reins
 from slam.cost_grid import CostParams
 from slam.fastslam import FastSlam, FastSlamParams
 from slam.grid import Grid
@@ -54,7 +54,6 @@ from slam.scan_graph import ScanGraphParams
 from slam.vfh import Vfh, VfhParams
 from slam.walls import Walls, curves
 
-SIGHT = 0.5  # s after which the last scan is too old to steer by
 REMEMBERED = 1.0  # s of odometry, for scans that come late
 
 

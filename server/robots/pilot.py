@@ -21,6 +21,8 @@ FURTHEST_DETOUR = math.radians(40.0)  # from what a person wishes to the nearest
 STRAIGHT = math.radians(2.0)  # off the wish that is no bend
 See = Callable[[float], np.ndarray]  # the polar histogram (sectors,) now, of obstacles nearer than some metres
 
+SIGHT = 0.5  # s after which what was seen last is too old to steer by
+
 
 class Reins(NamedTuple):
     """What turns a bearing into a command."""
