@@ -135,6 +135,13 @@ static uint32_t remainder_of(const uint8_t *bytes, size_t size)
     return ~reversed;
 }
 
+/* Also for as long as the ramp hides them. */
+static void judge_powers(const struct motor_supervisor *supervisor)
+{
+    for (int side = 0; side < MOTORS; side++)
+        insist(abs(supervisor->wanted[side]) <= MOTOR_FULL_POWER);
+}
+
 /* One that a board has obeyed. */
 static void judge_command(const struct frame *frame, bool may_be_old, uint16_t now_ms)
 {
@@ -170,6 +177,7 @@ static void receive(struct boards *boards, uint8_t byte)
         judge_command(&frame, kind == COMMAND_STOP || kind == COMMAND_DISARM, (uint16_t)boards->drive.teller.uptime_ms);
     if (motor_kind != MOTOR_REFUSED)
         judge_command(&frame, motor_kind == MOTOR_STOP, (uint16_t)boards->motor.teller.uptime_ms);
+    judge_powers(&boards->motor.supervisor);
     if (byte != 0)
         return;
     boards->piece_size = 0;
