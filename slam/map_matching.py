@@ -16,7 +16,7 @@ from pydantic import Field
 
 from slam.params import Params
 from slam.scan_matching import add_term, begin_terms, mirror, solved, turned
-from slam.tree_map import HITS, MASK, NONE, NORMAL_X, NORMAL_Y, X, Y, cell_of, patch_at
+from slam.tree_map import HITS, MASK, NONE, NORMAL_X, NORMAL_Y, SIDE, X, Y, cell_of, patch_at
 
 LIKE = 0.5  # cosine between the normals of an end and of what may be its wall
 CLEARED = -0.5  # log odds of a cell that is known to be free
@@ -59,29 +59,32 @@ def wall_near(cells, particle, x, y, nx, ny, reach, wall):
 
     Looks `reach` cells around, for walls whose normal is like (nx, ny), or any if that is of zeros.
     """
-    resolution = cells.resolution
-    row, column, width = cell_of(y, resolution), cell_of(x, resolution), math.ceil(reach)
-    radius2 = (reach * resolution) ** 2
-    off, normal_x, normal_y = 0.0, 0.0, 0.0
-    for r in range(row - width, row + width + 1):
-        for c in range(column - width, column + width + 1):
-            patch = patch_at(cells, particle, r, c)
+    resolution, radius = cells.resolution, reach * cells.resolution
+    radius2 = radius * radius
+    last_column = cell_of(x + radius, resolution)
+    like = LIKE if nx != 0.0 or ny != 0.0 else -math.inf
+    off, normal_x, normal_y, surfels = 0.0, 0.0, 0.0, cells.surfels
+    for r in range(cell_of(y - radius, resolution), cell_of(y + radius, resolution) + 1):
+        i, c = (r - cells.row) & MASK, cell_of(x - radius, resolution)
+        while c <= last_column:  # one patch after the other
+            patch, j = patch_at(cells, particle, r, c), (c - cells.column) & MASK
+            count = min(SIDE - j, last_column - c + 1)
+            c += count
             if patch == NONE:
                 continue
-            surfel = cells.surfels[patch, (r - cells.row) & MASK, (c - cells.column) & MASK]
-            if surfel[HITS] == 0.0:
-                continue
-            dx, dy = x - surfel[X], y - surfel[Y]
-            apart2 = dx * dx + dy * dy
-            if apart2 >= radius2:
-                continue
-            if nx * surfel[NORMAL_X] + ny * surfel[NORMAL_Y] < LIKE and (nx != 0.0 or ny != 0.0):
-                continue
-            near = 1.0 - apart2 / radius2
-            weight = near * near * surfel[HITS]
-            off += weight * (dx * surfel[NORMAL_X] + dy * surfel[NORMAL_Y])
-            normal_x += weight * surfel[NORMAL_X]
-            normal_y += weight * surfel[NORMAL_Y]
+            filled = np.int64(cells.filled[patch, i]) >> j & (1 << count) - 1
+            while filled != 0:
+                if filled & 1:
+                    dx, dy = x - surfels[patch, i, j, X], y - surfels[patch, i, j, Y]
+                    along_x, along_y = surfels[patch, i, j, NORMAL_X], surfels[patch, i, j, NORMAL_Y]
+                    near = 1.0 - (dx * dx + dy * dy) / radius2
+                    if near > 0.0 and nx * along_x + ny * along_y >= like:
+                        weight = near * near * surfels[patch, i, j, HITS]
+                        off += weight * (dx * along_x + dy * along_y)
+                        normal_x += weight * along_x
+                        normal_y += weight * along_y
+                filled >>= 1
+                j += 1
     size = math.hypot(normal_x, normal_y)
     if size == 0.0:
         return False

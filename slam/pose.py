@@ -15,24 +15,22 @@ def compose(pose_a_b: np.ndarray, pose_b_c: np.ndarray) -> np.ndarray:
     """pose_a_c; shapes broadcast."""
     a, b = np.broadcast_arrays(np.asarray(pose_a_b, float), np.asarray(pose_b_c, float))
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + cos * b[..., 0] - sin * b[..., 1],
-            a[..., 1] + sin * b[..., 0] + cos * b[..., 1],
-            wrap(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
-    )
+    composed = np.empty(a.shape)
+    composed[..., 0] = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
+    composed[..., 1] = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
+    composed[..., 2] = wrap(a[..., 2] + b[..., 2])
+    return composed
 
 
 def inverse(pose_a_b: np.ndarray) -> np.ndarray:
     """pose_b_a."""
     a = np.asarray(pose_a_b, float)
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2])],
-        axis=-1,
-    )
+    inverted = np.empty(a.shape)
+    inverted[..., 0] = -cos * a[..., 0] - sin * a[..., 1]
+    inverted[..., 1] = sin * a[..., 0] - cos * a[..., 1]
+    inverted[..., 2] = wrap(-a[..., 2])
+    return inverted
 
 
 def between(pose_a_b: np.ndarray, pose_a_c: np.ndarray) -> np.ndarray:

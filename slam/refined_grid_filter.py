@@ -76,7 +76,7 @@ class RefinedGridFilter:
         before = self.path_filter.estimate(1).path.astype(float)
         is_fresh = not is_quick or self.correction is None
         start = before if is_fresh or self.correction is None else corrected(self.correction, before)
-        graph = ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params)
+        graph = ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params, self.path_filter.share)
         after = self.chosen(graph, graph.refine(start, None if is_fresh else QUICK, beat), before, beat)
         self.correction = correction_by(graph.covariances(after), before, after)
         self.n_refined, self.is_quick = len(self.odometry), not is_fresh

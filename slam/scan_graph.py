@@ -5,12 +5,12 @@ building with many like corners that also succeeds where it must not, so that an
 sees through the other's walls, and if the odometry can have drifted so far since, or the path need not move for it.
 What is left, and the odometry between vertices, are the edges of a pose graph, under a kernel that lets wrong ones go.
 Rounds begin wide, for paths that are off by metres, and end narrow. Uses its siblings `scan_agreement`,
-`scan_matching`, `wall_matching`, which chooses the pairs, `refinement`, `pose_graph` and `pose_covariance`.
+`scan_matching`, `scan_pairs`, `wall_matching`, which chooses the pairs, `refinement`, `pose_graph` and
+`pose_covariance`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,8 +22,9 @@ from slam.pose import between
 from slam.pose_covariance import Covariances
 from slam.pose_graph import Border, LoopEdges, NormalEquations, Terms, descend
 from slam.refinement import Beat
-from slam.scan_agreement import AgreementParams, do_agree, views_of
-from slam.scan_matching import ScanMatchingParams, match_scans
+from slam.scan_agreement import AgreementParams
+from slam.scan_matching import ScanMatchingParams
+from slam.scan_pairs import Share, align_pairs, bound, by_itself, compare_pairs, do_pairs_agree
 from slam.wall_matching import near_pairs
 
 SURE = 3.0  # standard deviations of the odometry's drift that ends and walls may be apart
@@ -57,9 +58,10 @@ class ScanGraphParams(Params):
 class ScanGraph:
     """The graph of vertices that stand at `odometry` (n, 3) and took `scans`."""
 
-    def __init__(self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams):
+    def __init__(self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams, share: Share = by_itself):
+        """`share` runs tasks on all threads that there are."""
         self.params = params
-        self.scans, self.odometry = scans, odometry
+        self.sheaf, self.odometry, self.share = bound(scans), odometry, share
         n = len(scans)
         motions = between(odometry[:-1], odometry[1:])
         precision = np.diag(np.array([params.distance, params.distance, params.turn]) ** -2.0)
@@ -86,36 +88,28 @@ class ScanGraph:
         pairs = np.empty((len(path) * params.visits, 2), np.int64)
         pairs = pairs[: near_pairs(path, reach, params.visits, params.gap, pairs)]
         guesses = between(path[pairs[:, 0]], path[pairs[:, 1]])
-        found = []
-        for row, (first, second) in enumerate(pairs):
-            scan, other = self.scans[second], self.scans[first]
-            off, turned = self.drift(int(first), int(second))
-            gate = min(widest, max(NARROWEST, SURE * off))
-            farthest = SURE * max(LEAST_TURN, turned)
-            prior = np.diag(np.array([gate, gate, farthest]) ** -2.0)  # it only bounds the search
-            matching = params.matching.model_copy(update={"gate": gate})
-            match = match_scans(scan, other, guesses[row], prior, matching)
-            drifted = between(between(odometry[first], odometry[second]), match.pose)
-            if not (is_within(between(guesses[row], match.pose), NARROWEST) or is_within(drifted, SURE * off)):
-                continue  # a search may walk from wall to wall, into another of many like cells
-            if match.share >= matching.enough and do_agree(scan, other, match.pose, params.agreement):
-                found.append((row, match.pose, params.trust * (match.information - prior) + 1e-6 * np.eye(3)))
-            if row % 256 == 0:
-                beat()
-        if not found:
-            self.loops = no_edges()
-            return
-        rows, motions, precisions = (np.array(column) for column in zip(*found, strict=True))
-        self.loops = LoopEdges(pairs[rows], motions, precisions, kernel)
+        off, turned = self.drift(pairs)
+        gates = np.minimum(widest, np.maximum(NARROWEST, SURE * off))
+        sigmas = np.column_stack([gates, gates, SURE * np.maximum(LEAST_TURN, turned)])
+        priors = np.eye(3) / sigmas[:, None] ** 2  # they only bound the search
+        matches = align_pairs(self.sheaf, pairs, guesses, priors, gates, params.matching, self.share, beat)
+        drifted = between(between(odometry[pairs[:, 0]], odometry[pairs[:, 1]]), matches.poses)
+        # a search may walk from wall to wall, into another of many like cells
+        is_near = is_within(between(guesses, matches.poses), NARROWEST) | is_within(drifted, SURE * off)
+        rows = np.flatnonzero(is_near & (matches.shares >= params.matching.enough))
+        counts = compare_pairs(self.sheaf, pairs[rows], matches.poses[rows], params.agreement, self.share, beat)
+        rows = rows[do_pairs_agree(self.sheaf, pairs[rows], counts, params.agreement)]
+        precisions = params.trust * (matches.information[rows] - priors[rows]) + 1e-6 * np.eye(3)
+        self.loops = LoopEdges(pairs[rows], matches.poses[rows], precisions, kernel)
 
-    def drift(self, first: int, second: int) -> tuple[float, float]:
-        """By how much (m, rad) the odometry errs between two vertices, as its steps add up.
+    def drift(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much (m,) m and (m,) rad the odometry errs between vertices `pairs` (m, 2), as its steps add up.
 
         A turn's error shifts what comes after it, on average by a quarter of the way between them.
         """
-        params, root = self.params, math.sqrt(second - first)
-        lever = 0.25 * float(self.ways[second] - self.ways[first])
-        return root * math.hypot(params.distance, params.turn * lever), root * params.turn
+        params, roots = self.params, np.sqrt(pairs[:, 1] - pairs[:, 0])
+        levers = 0.25 * (self.ways[pairs[:, 1]] - self.ways[pairs[:, 0]])
+        return roots * np.hypot(params.distance, params.turn * levers), roots * params.turn
 
     def linearize(self, poses: np.ndarray, shared: np.ndarray) -> tuple[float, Terms, Border]:
         """Cost at poses (n, 3), which share no unknowns (0,), and its derivatives."""
@@ -131,14 +125,9 @@ class ScanGraph:
         params = self.params
         pairs = np.empty((len(path) * WITNESSES, 2), np.int64)
         pairs = pairs[: near_pairs(path, params.last_range, WITNESSES, 1, pairs)]
-        agree, through = 0, 0
-        for row, (first, second) in enumerate(pairs):
-            if row % 256 == 0:
-                beat()
-            pose = between(path[first], path[second])
-            for counts in views_of(self.scans[second], self.scans[first], pose, params.agreement):
-                agree, through = agree + counts[0], through + counts[1]
-        return agree / max(1, agree + through)
+        poses = between(path[pairs[:, 0]], path[pairs[:, 1]])
+        agree, through = compare_pairs(self.sheaf, pairs, poses, params.agreement, self.share, beat).sum(axis=(0, 1))
+        return float(agree) / max(1, int(agree + through))
 
     def covariances(self, path: np.ndarray) -> Covariances:
         """How certain the poses of a path (n, 3) are that came of the last round."""
@@ -146,9 +135,9 @@ class ScanGraph:
         return Covariances(NormalEquations(path, terms, border))
 
 
-def is_within(moved: np.ndarray, metres: float) -> bool:
-    """Whether a pose (3,) is so near, and turned by little."""
-    return math.hypot(moved[0], moved[1]) < metres and abs(moved[2]) < MOST_TURN
+def is_within(moved: np.ndarray, metres: np.ndarray | float) -> np.ndarray:
+    """Whether poses (m, 3) are so near, and turned by little."""
+    return (np.hypot(moved[:, 0], moved[:, 1]) < metres) & (np.abs(moved[:, 2]) < MOST_TURN)
 
 
 def no_edges() -> LoopEdges:

@@ -5,7 +5,7 @@ ancestor of all particles (the trunk of the path tree) is stored once, and a bra
 were written since it parted. Memory grows with the map and with what branches see, not with particles.
 
 A cell holds the log odds that it is occupied, and a *surfel*: the mean of the ends of beams that fell into it, and of
-the normals of their walls, which says where in the cell the wall stands.
+the normals of their walls, which says where in the cell the wall stands. Few cells have one: bits tell which.
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ FIRST_PATCHES = 256
 FIRST_ROWS = 8  # of a table
 Run = Callable[[Callable[[int, int], None]], object]  # a task of particles first..end, on all of them
 MARGIN = 2  # patches by which a table grows beyond what is needed
+STRIDE = 8  # steps of a beam between two at which a survey looks
 
 
 class Cells(NamedTuple):
     """What the particles' maps hold.
 
     `table` (n, rows, columns) int32 names each particle's patches, the first of which begins at the world's cell
-    (`row`, `column`); `odds` (patches, 32, 32) and `surfels` (patches, 32, 32, 5) float32; `resolution` m per cell.
+    (`row`, `column`); `odds` (patches, 32, 32) and `surfels` (patches, 32, 32, 5) float32; bit j of `filled`
+    (patches, 32) uint32 is set where row i's cell j has a surfel; `resolution` m per cell.
     """
 
     table: np.ndarray
     odds: np.ndarray
     surfels: np.ndarray
+    filled: np.ndarray
     row: int
     column: int
     resolution: float
@@ -82,32 +85,43 @@ def steps_of(dx, dy, resolution):
 
 
 @njit(cache=True, inline="always")
-def need(cells, row, column, needed, box):
-    """Note that a cell will be written: its patch in `needed` (rows, columns), or else only in the `box` (4,)."""
-    r, c = (row - cells.row) >> SHIFT, (column - cells.column) >> SHIFT
-    box[0], box[1], box[2], box[3] = min(box[0], r), max(box[1], r), min(box[2], c), max(box[3], c)
-    if 0 <= r < needed.shape[0] and 0 <= c < needed.shape[1]:
-        needed[r, c] = True
+def need(low_row, high_row, low_column, high_column, needed, box):
+    """Note that these patches will be written: in `needed` (rows, columns), or else only in the `box` (4,)."""
+    box[0], box[1] = min(box[0], low_row), max(box[1], high_row)
+    box[2], box[3] = min(box[2], low_column), max(box[3], high_column)
+    for r in range(max(0, low_row), min(high_row + 1, needed.shape[0])):
+        for c in range(max(0, low_column), min(high_column + 1, needed.shape[1])):
+            needed[r, c] = True
 
 
 @njit(cache=True, nogil=True)
 def survey(cells, starts, cleared, ends, needed, boxes, low, high):
     """Note the patches that particles low..high write, and the `boxes` (n, 4) of them.
 
-    Beams go from `starts` (n, 2); they clear up to `cleared` (n, k, 2) and hit at `ends` (n, m, 2).
+    Beams go from `starts` (n, 2); they clear up to `cleared` (n, k, 2) and hit at `ends` (n, m, 2). A beam's rows and
+    columns never turn back, so that all between two of its steps lies in the rectangle of these.
     """
     resolution = cells.resolution
     for p in range(low, high):
+        there, box = needed[p], boxes[p]
         for k in range(cleared.shape[1]):
-            dx, dy = cleared[p, k, 0] - starts[p, 0], cleared[p, k, 1] - starts[p, 1]
+            x, y = starts[p, 0], starts[p, 1]
+            dx, dy = cleared[p, k, 0] - x, cleared[p, k, 1] - y
             steps = steps_of(dx, dy, resolution)
-            for s in range(steps):
+            r, c = (cell_of(y, resolution) - cells.row) >> SHIFT, (cell_of(x, resolution) - cells.column) >> SHIFT
+            s = 0
+            while s < steps:
+                s = min(s + STRIDE, steps)
                 share = s / steps
-                row = cell_of(starts[p, 1] + share * dy, resolution)
-                need(cells, row, cell_of(starts[p, 0] + share * dx, resolution), needed[p], boxes[p])
+                to_r = (cell_of(y + share * dy, resolution) - cells.row) >> SHIFT
+                to_c = (cell_of(x + share * dx, resolution) - cells.column) >> SHIFT
+                if to_r != r or to_c != c or s <= STRIDE:
+                    need(min(r, to_r), max(r, to_r), min(c, to_c), max(c, to_c), there, box)
+                    r, c = to_r, to_c
         for k in range(ends.shape[1]):
-            row = cell_of(ends[p, k, 1], resolution)
-            need(cells, row, cell_of(ends[p, k, 0], resolution), needed[p], boxes[p])
+            r = (cell_of(ends[p, k, 1], resolution) - cells.row) >> SHIFT
+            c = (cell_of(ends[p, k, 0], resolution) - cells.column) >> SHIFT
+            need(r, r, c, c, there, box)
 
 
 @njit(cache=True)
@@ -126,9 +140,11 @@ def claim(cells, pool, particle, needed):
             if old == NONE:
                 cells.odds[new] = 0.0
                 cells.surfels[new] = 0.0
+                cells.filled[new] = 0
             else:
                 cells.odds[new] = cells.odds[old]
                 cells.surfels[new] = cells.surfels[old]
+                cells.filled[new] = cells.filled[old]
                 pool.references[old] -= 1
             cells.table[particle, r, c] = new
     return True
@@ -189,12 +205,14 @@ def hit(cells, particle, x, y, normal_x, normal_y, rule):
     cells.odds[patch, i, j] = min(rule.most, cells.odds[patch, i, j] + rule.occupied)
     if normal_x == 0.0 and normal_y == 0.0:
         return
-    surfel = cells.surfels[patch, i, j]
-    surfel[HITS] = min(surfel[HITS] + 1.0, rule.memory)
-    surfel[X] += (x - surfel[X]) / surfel[HITS]
-    surfel[Y] += (y - surfel[Y]) / surfel[HITS]
-    surfel[NORMAL_X] += (normal_x - surfel[NORMAL_X]) / surfel[HITS]
-    surfel[NORMAL_Y] += (normal_y - surfel[NORMAL_Y]) / surfel[HITS]
+    cells.filled[patch, i] |= np.uint32(1 << j)
+    surfels = cells.surfels
+    hits = min(surfels[patch, i, j, HITS] + 1.0, rule.memory)
+    surfels[patch, i, j, HITS] = hits
+    surfels[patch, i, j, X] += (x - surfels[patch, i, j, X]) / hits
+    surfels[patch, i, j, Y] += (y - surfels[patch, i, j, Y]) / hits
+    surfels[patch, i, j, NORMAL_X] += (normal_x - surfels[patch, i, j, NORMAL_X]) / hits
+    surfels[patch, i, j, NORMAL_Y] += (normal_y - surfels[patch, i, j, NORMAL_Y]) / hits
 
 
 def on_all(run: Run | None, n: int, task: Callable[[int, int], None]) -> None:
@@ -214,6 +232,7 @@ class TreeMaps:
             np.full((n_particles, FIRST_ROWS, FIRST_ROWS), NONE, np.int32),
             np.empty((FIRST_PATCHES, SIDE, SIDE), np.float32),
             np.empty((FIRST_PATCHES, SIDE, SIDE, 5), np.float32),
+            np.empty((FIRST_PATCHES, SIDE), np.uint32),
             -half, -half, resolution,
         )  # fmt: skip
         free = np.arange(FIRST_PATCHES, dtype=np.int32)
@@ -262,8 +281,9 @@ class TreeMaps:
         free = np.concatenate([self.pool.free[:top], np.arange(n, 2 * n, dtype=np.int32), np.zeros(n - top, np.int32)])
         self.pool = Pool(np.concatenate([self.pool.references, np.zeros(n, np.int32)]), free, np.array([top + n]))
         odds, surfels = np.empty((2 * n, SIDE, SIDE), np.float32), np.empty((2 * n, SIDE, SIDE, 5), np.float32)
-        odds[:n], surfels[:n] = self.cells.odds, self.cells.surfels
-        self.cells = self.cells._replace(odds=odds, surfels=surfels)
+        filled = np.empty((2 * n, SIDE), np.uint32)
+        odds[:n], surfels[:n], filled[:n] = self.cells.odds, self.cells.surfels, self.cells.filled
+        self.cells = self.cells._replace(odds=odds, surfels=surfels, filled=filled)
 
     def inherit(self, ancestors: np.ndarray) -> None:
         """The particles become the children of `ancestors` (m,), and share their maps."""

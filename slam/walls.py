@@ -174,9 +174,9 @@ def curves(walls: Walls, jump: float = 0.15) -> list[np.ndarray]:
     points = np.where(np.isfinite(walls.distances), walls.distances, 0.0)[:, None] * np.stack(
         [np.cos(angles), np.sin(angles)], axis=1
     )
-    found = []
-    for curve in range(1, int(labels.max(initial=0)) + 1):
-        rays = np.flatnonzero(labels == curve)
-        is_start = ~(np.abs(walls.distances[rays] - walls.distances[rays - 1]) <= jump)
-        found.append(points[np.roll(rays, -int(np.argmax(is_start)))])  # the curve may cross ray 0
-    return found
+    with np.errstate(invalid="ignore"):
+        is_start = ~(np.abs(walls.distances - np.roll(walls.distances, 1)) <= jump)
+    rays = np.roll(np.arange(n), -int(np.argmax(is_start)))  # a curve may cross ray 0
+    borders = np.flatnonzero(np.diff(labels[rays])) + 1
+    parts = np.split(rays, borders)
+    return [points[part] for part in parts if labels[part[0]] > 0]

@@ -39,7 +39,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.link", "server.messages", "server.presets", "server.recording", "server.scip", "server.transport",
         "server.words", "slam.bundle", "slam.bundled_islands", "slam.fastslam", "slam.grid_filter", "slam.islands",
         "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refined_grid_filter",
-        "slam.refinement", "slam.scan_graph",
+        "slam.refinement", "slam.scan_graph", "slam.scan_pairs",
     ),
     (
         "server.robots", "server.robots.crunch", "server.robots.foldback", "server.robots.kinds",

@@ -234,6 +234,8 @@ class Crunch:
         """One step towards the goal, or of what a person wishes; nothing that has not been looked at moves it."""
         if self.t - self.looked > SIGHT:
             return []
+        if self.pilot.is_resting:
+            return []
         command = self.pilot.steer(self.pose(), float(self.odometry[2]), self.densities)
         return [] if command is None else [command]
 

@@ -215,7 +215,7 @@ class MazeRunner:
 
     def steer(self) -> list[Effect]:
         """One step towards the goal, or of what a person wishes; nothing that has not been looked at moves it."""
-        if self.t - self.looked > SIGHT:
+        if self.pilot.is_resting or self.t - self.looked > SIGHT:
             return []
         command = self.pilot.steer(self.pose(), float(self.here()[2]), self.densities)
         match command:

@@ -85,6 +85,11 @@ class Pilot:
         self.steered: float | None = None  # the same in the odometry frame, which the robot's turning leaves alone
         self.meant: float | None = None  # where a person wished to go, in that frame, while the robot is bent off it
 
+    @property
+    def is_resting(self) -> bool:
+        """Whether there is nothing to reach, and nobody wishes anything."""
+        return self.goal is None and self.wish is None
+
     def rest(self) -> None:
         """Nothing is to be reached any more, and nobody wishes anything."""
         self.goal = self.course = self.wish = None
