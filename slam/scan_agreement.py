@@ -71,3 +71,9 @@ def views_of(
     """How many ends of a scan at `pose` (3,) of the other's frame agree, and see through it; and of the other's."""
     there = compare_views(scan, other, np.asarray(pose, float), params.near, params.far)
     return there, compare_views(other, scan, inverse(pose), params.near, params.far)
+
+
+def do_agree(scan: Scan, other: Scan, pose: np.ndarray, params: AgreementParams) -> bool:
+    """Whether two scans see the same walls, and neither through the other's."""
+    share, overlap = agreement(scan, other, pose, params)
+    return share >= params.share and overlap >= params.overlap

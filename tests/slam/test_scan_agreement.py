@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 
 from slam.pose import between, compose
-from slam.scan_agreement import BESIDE, AgreementParams, agreement, compare_views
+from slam.scan_agreement import BESIDE, AgreementParams, agreement, compare_views, do_agree
 from tests.naive import scan_agreement as naive
 from tests.slam.laser_world import ring, scan_at
 
 PARAMS = AgreementParams()
-
-
-def do_agree(scan, other, pose, params):
-    share, overlap = agreement(scan, other, pose, params)
-    return share >= params.share and overlap >= params.overlap
 
 
 @pytest.mark.parametrize("seed", range(6))
