@@ -128,7 +128,7 @@ def demo(
         crunch demo --port 8080 --no-browser --world corridor50
         crunch demo --avr
     """
-    from server.live import run_demo
+    from server.demo import run_demo
 
     options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)

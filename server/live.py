@@ -1,9 +1,9 @@
-"""`crunch demo` and `crunch serve`: one process, one task group; robot and page live and die together.
+"""`crunch serve`: one process, one task group; robot and page live and die together.
 
 The links, the path filter's worker, the passing of time, the recording's syncs and the web server are its members. When
 one ends, however it ends, the motors are stopped while the links are still open, and all the others end too. Uses its
-siblings `bridge` (what runs), `sessions` (from one to the next), `render_queue` (recordings for viewers), `replay`
-(warming the kernels up) and `simulate` (which plan a world has).
+siblings `bridge` (what runs), `sessions` (from one to the next), `render_queue` (recordings for viewers) and `replay`
+(warming the kernels up).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import time
 import webbrowser
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import uvicorn
@@ -50,7 +50,7 @@ from server.robots.kinds import LASER, ROBOTS, mouse_lines
 from server.session import session_of
 from server.sessions import Sessions
 from server.shelf import Shelf
-from server.transport import Link, SideLink, VirtualLink, open_link
+from server.transport import Link, open_link
 from server.views import SessionStatus
 
 log = logging.getLogger(__name__)
@@ -75,81 +75,6 @@ class LiveOptions:
     recordings: Path | None = RECORDINGS
     name: str = ""  # of the first session
     opens_browser: bool = False
-
-
-def run_demo(
-    options: LiveOptions,
-    autopilot: bool = False,
-    world: str | None = None,
-    plan: str | None = None,
-    drift: Literal["none", "low", "medium", "high"] = "medium",
-    speed: float = 1.0,
-    build: Literal["host", "avr"] = "host",
-    mice: int = 0,
-) -> int:
-    """Serve a virtual robot in this process until Ctrl-C; exit code.
-
-    `build` is that of the robot's boards. World and plan follow from one another as in `simulate`; a world where no
-    tour can be planned has no autopilot. Maze Runner's is its explorer.
-    """
-    from server.simulate import with_rule
-
-    control = Control(options.config.control.at_speed(speed))
-    if ROBOTS[options.robot].explores:
-        options = replace(options, config=with_rule(options.config, options.robot, plan))
-        options, links = virtual_maze_runner(options, world, drift, speed, mice, build)
-        return run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
-    from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
-    from server.simulate import check_mice, mendable, plan_in, world_and_plan
-
-    check_mice(options.robot, mice)
-    with mendable():
-        try:
-            place, route = world_and_plan(world, plan, options.seed)
-        except virtual.PlanError as error:
-            if plan is not None or world is None:
-                raise
-            if autopilot:
-                raise UserError(f"--autopilot needs a plan for {world} ({error}); give one with --plan") from None
-            place, route = virtual.load_world(world), None
-        robot = virtual.VirtualCrunch(place, seed=options.seed, drift=drift, plan=route, build=build)
-    robot.autopilot = autopilot
-    name = world or plan or plan_in(None)
-    own = robot if route else None
-    return run(options, lambda: {"link0": VirtualLink(robot, f"virtual:{name}", speed)}, control, own, autopilot, True)
-
-
-def virtual_maze_runner(
-    options: LiveOptions,
-    world: str | None,
-    drift: Literal["none", "low", "medium", "high"],
-    speed: float,
-    mice: int,
-    build: Literal["host", "avr"],
-) -> tuple[LiveOptions, dict[str, Link]]:
-    """The lines of a virtual Maze Runner in a maze, and options that know where its mice sit.
-
-    UserError where there is no world of that name.
-    """
-    from firmware import virtual
-    from firmware.virtual.mice import PLACES
-    from server.simulate import check_mice, mendable, with_mice
-
-    check_mice(options.robot, mice)
-    name = world or f"maze:medium:{options.seed}"
-    with mendable():
-        robot = virtual.VirtualMazeRunner(
-            virtual.load_world(name), seed=options.seed, drift=drift, mice=PLACES[:mice], build=build
-        )
-    board = VirtualLink(robot, f"virtual:{name}", speed)
-    links: dict[str, Link] = {
-        "link0": board,
-        LASER: SideLink(board, "virtual:laser", robot.write_laser, robot.take_laser),
-    }
-    for number, link_id in enumerate(mouse_lines(mice)):
-        ask = functools.partial(robot.take_mouse, number)
-        links[link_id] = SideLink(board, f"virtual:{link_id}", lambda data: None, ask)
-    return replace(options, config=with_mice(options.config, mice)), links
 
 
 def run_serve(

@@ -37,7 +37,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.logs", "server.formats.mines", "server.formats.relations", "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.formats.wean",
         "server.link", "server.messages", "server.presets", "server.recording", "server.scip", "server.transport",
-        "server.words", "slam.bundle", "slam.bundled_islands", "slam.fastslam", "slam.grid_filter", "slam.islands",
+        "server.virtual_link", "server.words", "slam.bundle", "slam.bundled_islands", "slam.fastslam",
+        "slam.grid_filter", "slam.islands",
         "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refined_grid_filter",
         "slam.refinement", "slam.scan_graph", "slam.scan_pairs",
     ),
@@ -63,7 +64,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.survey", "server.views",
     ),
     (
-        "server.bridge", "server.headless", "server.laser_calibration", "server.live", "server.mapping",
+        "server.bridge", "server.demo", "server.headless", "server.laser_calibration", "server.live", "server.mapping",
         "server.motor_calibration", "server.odometry_calibration", "server.recorded", "server.render",
         "server.render_queue", "server.replay", "server.sessions", "server.simulate",
         "server.sonar_calibration", "server.workbench",
@@ -72,7 +73,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
 PACKAGES = ("slam", "server", "firmware", "bench", "tests", "docs")
-VIRTUAL_USERS = ("server.live", "server.simulate", "server.transport")  # who may start the virtual robot
+VIRTUAL_USERS = (
+    "server.demo",
+    "server.simulate",
+    "server.transport",
+    "server.virtual_link",
+)  # who may start the virtual robot
 
 
 def files_of(package: str) -> list[Path]:
@@ -148,7 +154,7 @@ def test_the_virtual_robot_knows_only_its_own():
 def test_asyncio_stays_at_the_edge():
     edge = {"server.conversation", "server.bridge", "server.dashboard", "server.estimator", "server.live",
             "server.player", "server.render_queue", "server.sessions", "server.stream", "server.transport",
-            "server.workbench"}  # fmt: skip
+            "server.virtual_link", "server.workbench"}  # fmt: skip
     users = {name_of(path) for path in LAYERED for _, module in imports_of(path) if module.split(".")[0] == "asyncio"}
     assert {user for user in users if not user.startswith("server.rest.")} <= edge
 

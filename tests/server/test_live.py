@@ -14,8 +14,9 @@ from websockets.sync.client import connect
 from firmware.virtual import load_plan, load_world
 from server.config import Config
 from server.control import ControlParams
+from server.demo import run_demo
 from server.errors import UserError
-from server.live import LiveOptions, listening, page_address, run_demo
+from server.live import LiveOptions, listening, page_address
 from server.messages import Ranges, Wheels
 from server.recorded import open_log
 from server.recording import Kind, Reader

@@ -9,7 +9,8 @@ import tty
 import numpy as np
 import pytest
 
-from server.transport import LONGEST_STEP, MAX_WAITING, Backoff, LinkError, StreamLink, VirtualLink, open_link
+from server.transport import MAX_WAITING, Backoff, LinkError, StreamLink, open_link
+from server.virtual_link import LONGEST_STEP, VirtualLink
 from tests.firmware.avr_tools import need_simavr
 
 QUICK = Backoff(first=0.01, last=0.04)
