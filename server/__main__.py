@@ -268,6 +268,8 @@ def simulate(
         check_robot(robot, ("crunch",), "robots that can repeat a log")
         if avr:
             raise UserError("--from-log gives the motion, and no board balances; leave out --avr")
+        if mice:
+            raise UserError("--from-log gives the odometry; leave out --mice")
         semireal = Semireal(robot, from_log, reference, seed, out, duration)
         with progress_bar(out.name, 100, False) as progress:
             summary = simulate_semireal(semireal, settings, progress)

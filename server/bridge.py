@@ -17,7 +17,7 @@ from server.adviser import Adviser
 from server.control import Control, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
-from server.explorer import Explorer
+from server.explorer import Explorer, Progress
 from server.guidance import route_view, suggestions_view
 from server.labels import Labels
 from server.layers import Layers
@@ -337,9 +337,9 @@ class Bridge:
         """The settings that the session runs with."""
         return self.settings
 
-    def exploring(self) -> str | None:
-        """What the explorer does; None where there is none."""
-        return self.autopilot.state if isinstance(self.autopilot, Explorer) else None
+    def exploring(self) -> Progress | None:
+        """How the explorer gets on; None where there is none."""
+        return self.autopilot.progress if isinstance(self.autopilot, Explorer) else None
 
     def status(self) -> Status:
         """Everything at a glance."""

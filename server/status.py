@@ -7,6 +7,7 @@ from collections.abc import Collection
 
 from server.control import Control
 from server.estimator import EstimatorStatus
+from server.explorer import Progress
 from server.messages import Snapshot
 from server.pulse import Lateness
 from server.session import Session
@@ -97,7 +98,7 @@ def filter_status(snapshot: Snapshot, worker: EstimatorStatus) -> FilterStatus:
 
 
 def driver_status(
-    snapshot: Snapshot, control: Control, n_viewers: int, t: float, exploring: str | None = None
+    snapshot: Snapshot, control: Control, n_viewers: int, t: float, exploring: Progress | None = None
 ) -> DriverStatus:
     """Who drives at the session's time t."""
     return DriverStatus(
@@ -105,7 +106,8 @@ def driver_status(
         leased=control.has_lease(t),
         stopped_by=control.stopped_by,
         autopilot=control.autopilot,
-        exploring=exploring,
+        exploring=exploring.state if exploring else None,
+        abandoned=exploring.abandoned if exploring else None,
         asked_by=control.asked_by,
         answer_s=control.answer_time(t),
         shared=control.wish is not None and control.wish.shared,

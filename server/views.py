@@ -106,6 +106,9 @@ class DriverStatus(BaseModel):
         examples=["driving"],
         description="off, looking, driving, following or done; null where the autopilot is none that explores",
     )
+    abandoned: int | None = Field(
+        default=None, examples=[0], description="edges of the map that the explorer could not get to; null as above"
+    )
     asked_by: str | None = Field(examples=["viewer-4"], description="who asks for control, until the driver answers")
     answer_s: float | None = Field(examples=[7.2], description="seconds that the driver has left to answer")
     shared: bool = Field(examples=[True], description="whether obstacles bend the driver's direction now")

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numba import njit
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from slam.counter_random import gaussian, uniform
 from slam.families import FamilyParams, families_of
@@ -44,6 +44,15 @@ class GridFilterParams(Params):
     lay: LayParams = LayParams()
     map: LaserMapParams = LaserMapParams()
     families: FamilyParams = FamilyParams()  # of particles that share one map
+
+    @model_validator(mode="after")
+    def _families_stand_within_a_cell(self) -> GridFilterParams:
+        most = 0.5 * self.map.resolution
+        if self.families.near > most:
+            raise ValueError(
+                f"families.near is {self.families.near:g} m; cells of map.resolution allow {most:g} at most"
+            )
+        return self
 
 
 @njit(cache=True, inline="always")

@@ -161,7 +161,7 @@ function driveText(who, isMine) {
   if (who.autopilot) return EXPLORING[who.exploring] ?? "the autopilot drives";
   if (who.goal !== null) return isMine ? "driving to your objective" : "driving to an objective";
   if (isMine) return "you drive";
-  if (who.exploring === "done") return EXPLORING.done;
+  if (who.exploring === "done") return EXPLORING.done + (who.abandoned ? `, but not ${who.abandoned} place${who.abandoned === 1 ? "" : "s"} at its edge` : "");
   return who.viewer === null ? "nobody drives" : `${who.viewer} drives`;
 }
 

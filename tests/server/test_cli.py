@@ -179,6 +179,8 @@ def test_other_mistakes_are_one_line(crunch, tmp_path):
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--drift", "wild"), "drift `wild` is unknown")
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--robot", "krunch"), "known: crunch, maze_runner")
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--from-log", log), "--reference belong together")
+    semireal = ("simulate", "--out", "a.rlog", "--from-log", log, "--reference", log)
+    assert_mendable(crunch(*semireal, "--mice", "2"), "leave out --mice")
     assert_mendable(crunch("serve", "--no-browser", "--no-record"), "--link")
     assert_mendable(crunch("serve", "--no-browser", "--no-record", "--link", "smoke:signals"), "smoke:signals")
     assert_mendable(crunch("demo", "--no-browser", "--drift", "wild"), "drift `wild` is unknown")

@@ -127,6 +127,9 @@ def test_it_explores_to_the_end_with_nobody_there_and_then_says_so():
             break
     status = served.bridge.status()
     assert (status.driver.exploring, status.driver.autopilot) == ("done", False)
+    assert status.driver.abandoned == len(served.explorer.left_alone) == 0
+    served.explorer.left_alone.append(np.zeros(2))
+    assert served.bridge.status().driver.abandoned == 1
     assert served.virtual.body.bumps == 0
     still = served.virtual.pose
     served.advance(2.0)

@@ -112,3 +112,10 @@ def test_the_best_particle_is_one_that_its_map_bears_out():
     path_filter.extend(poses[-1], scans[-1])
     assert abs(float(path_filter.poses[path_filter.best(), 1] - poses[-1, 1])) < 0.2  # of 0.35
     assert path_filter.effective < 15.0 or path_filter.resamplings > 0
+
+
+def test_particles_that_a_map_can_tell_apart_do_not_share_it():
+    fine = {"map": {"resolution": 0.03}}
+    with pytest.raises(ValueError, match=r"families.near is 0.02 m; cells of map.resolution allow 0.015 at most"):
+        GridFilterParams.model_validate(fine)
+    assert GridFilterParams.model_validate({**fine, "families": {"near": 0.015}}).families.near == 0.015
