@@ -55,12 +55,16 @@ class Drive:
 
 
 class Conclusion(NamedTuple):
-    """The last estimate, a corrected pose (n, 3) per odometry reading, the vertices' uncertainty, and the verdict."""
+    """The last estimate, a corrected pose (n, 3) per odometry reading, the vertices' uncertainty, and the verdict.
+
+    `warnings` are for people.
+    """
 
     estimate: PathEstimate
     trajectory: np.ndarray
     uncertainty: Uncertainty
     verdict: Verdict
+    warnings: tuple[str, ...] = ()
 
 
 class Mapper(Protocol):
@@ -161,7 +165,17 @@ class MazeMapper:
         estimate = self.path_filter.estimate()
         laser = correct(compose(drive.odometry, self.robot.mount), np.array(self.rows), np.array(self.followed))
         trajectory = compose(correct(laser, drive.rows, estimate.path.astype(float)), inverse(self.robot.mount))
-        return Conclusion(estimate, trajectory, self.path_filter.uncertainty(1), Verdict())
+        return Conclusion(estimate, trajectory, self.path_filter.uncertainty(1), Verdict(), self.warnings())
+
+    def warnings(self) -> tuple[str, ...]:
+        """A word where loops were found that cannot all be true."""
+        dropped = self.path_filter.dropped if isinstance(self.path_filter, RefinedGridFilter) else 0
+        if not dropped:
+            return ()
+        return (
+            f"{dropped} loops between scans were left out, for with them scans would see through walls: rooms here "
+            "are alike, and the map's far ends may be off",
+        )
 
     def prepare(self, drive: Drive) -> None:
         """Compile or load every kernel, given the drive of a rehearsal."""

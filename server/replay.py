@@ -56,7 +56,7 @@ class Options:
 class Result:
     """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds.
 
-    `uncertainty` is of the vertices, `verdict` on whether another path explains as much.
+    `uncertainty` is of the vertices, `verdict` on whether another path explains as much, `warnings` are for people.
     """
 
     drive: Drive
@@ -65,6 +65,7 @@ class Result:
     seconds: dict[str, float]
     uncertainty: Uncertainty
     verdict: Verdict
+    warnings: tuple[str, ...] = ()
 
     @property
     def path(self) -> np.ndarray:
@@ -100,7 +101,7 @@ def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Re
 
     drive = fold(log, mapper.robot, extend, progress, mapper.note)
     before = time.perf_counter()
-    estimate, trajectory, uncertainty, verdict = mapper.conclude(drive, told)
+    estimate, trajectory, uncertainty, verdict, warnings = mapper.conclude(drive, told)
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
@@ -110,7 +111,7 @@ def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Re
         "refinement": ended - before,
         "total": ended - started,
     }
-    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict)
+    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict, warnings)
 
 
 def fold(
@@ -188,7 +189,7 @@ def replay(path: Path, out: Path, options: Options, progress: Progress | None = 
     before = time.perf_counter()
     floor = floor_of(result)
     report = report_of(result, log, replace(options, threads=threads), settings)
-    report.warnings.extend([*coarseness(floor), *doubts(result.verdict)])
+    report.warnings.extend([*coarseness(floor), *doubts(result.verdict), *result.warnings])
     write_outputs(out, result, floor, params, report)
     seconds = {**report.seconds, "write": round(time.perf_counter() - before, 3)}
     report = report.model_copy(update={"seconds": seconds, "peak_rss_mb": peak_rss_mb()})

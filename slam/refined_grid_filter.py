@@ -38,6 +38,7 @@ class RefinedGridFilter:
         self.correction: Correction | None = None
         self.n_refined = 0  # vertices that the last refinement knew
         self.is_quick = False  # whether it was a quick one
+        self.dropped = 0  # loops that it did not believe, for they would have folded the map
 
     @property
     def n_particles(self) -> int:
@@ -87,6 +88,7 @@ class RefinedGridFilter:
         Loops that agree with one another may all be wrong, where one room is like the next; then scans that the folded
         path puts side by side see through each other's walls, and did not before.
         """
+        self.dropped = 0
         if not len(graph.loops.pairs):
             return refined
         ways = (refined, np.array(self.odometry), filtered)
@@ -94,7 +96,7 @@ class RefinedGridFilter:
         best = int(np.argmax(shares))
         if shares[best] - shares[0] < FOLDED:
             return refined
-        graph.loops = no_edges()
+        self.dropped, graph.loops = len(graph.loops.pairs), no_edges()
         return ways[best]
 
     def prepare(self) -> None:

@@ -6,7 +6,7 @@ import pytest
 from slam.evaluate import absolute_error
 from slam.grid_filter import GridFilter, GridFilterParams
 from slam.refined_grid_filter import RefinedGridFilter
-from slam.scan_graph import ScanGraphParams
+from slam.scan_graph import ScanGraph, ScanGraphParams
 from tests.slam.laser_world import around, odometry_of, ring, seen_at
 
 
@@ -91,3 +91,23 @@ def test_particles_come_and_go_and_every_kernel_is_prepared():
     assert found.estimate().n_particles == 9
     with pytest.raises(ValueError, match="at least"):
         found.resize(0)
+
+
+def test_loops_that_fold_the_map_are_dropped_and_told():
+    poses, odometry, walls = drive(laps=1.3)
+    found = run(odometry, walls)
+    found.refine()
+    assert found.dropped == 0
+    graph = ScanGraph(np.array(found.odometry), found.path_filter.scans, found.params)
+    graph.associate(poses, 1.0)
+    n_loops = len(graph.loops.pairs)
+    assert n_loops > 5
+    folded = poses.copy()
+    folded[len(poses) // 2 :, :2] += [-1.5, 0.5]  # the second half slid over the first
+    chosen = found.chosen(graph, folded, poses, lambda: None)
+    assert chosen is poses
+    assert found.dropped == n_loops
+    assert not len(graph.loops.pairs)
+    graph.associate(poses, 1.0)
+    assert found.chosen(graph, poses, folded, lambda: None) is poses
+    assert (found.dropped, len(graph.loops.pairs)) == (0, n_loops)
