@@ -15,11 +15,13 @@ from server.formats.ros_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from server.messages import Label
 from slam.cost_grid import count_free
 from slam.pose import transform
+from slam.thinning import needed
 from slam.walls import Walls, curves
 
 RESOLUTION = 0.05  # m per cell, where the grid stays within MAX_CELLS
 MAX_CELLS = 4000  # along either side of a grid; one jump of the odometry may stretch a map over kilometres
 TRAIL_POINTS = 20_000  # of a drawn trajectory
+TREMBLING = 0.02  # m that a path may be off when its length is told
 MARGIN = 0.5  # m of unknown around what was seen
 OCCUPIED_SHARE = (
     0.25  # of the vertices that looked at a cell and saw a wall in it; paths are never exact, walls are thin
@@ -121,9 +123,13 @@ def densify(curve: np.ndarray, step: float) -> np.ndarray:
     return np.column_stack([np.interp(at, stations, curve[:, 0]), np.interp(at, stations, curve[:, 1])])
 
 
-def path_length(path: np.ndarray) -> float:
-    """Metres along a path (n, 3)."""
-    return float(np.hypot(*np.diff(path[:, :2], axis=0).T).sum()) if len(path) > 1 else 0.0
+def path_length(path: np.ndarray, tolerance: float = 0.0) -> float:
+    """Metres along a path (n, 3), or along one that is nowhere farther from it than a tolerance (m).
+
+    Who stands still trembles on the map by what scans err by, and makes no way.
+    """
+    places = path[needed(np.ascontiguousarray(path[:, :2]), tolerance), :2] if tolerance > 0.0 else path[:, :2]
+    return float(np.hypot(*np.diff(places, axis=0).T).sum()) if len(places) > 1 else 0.0
 
 
 def trail_of(trajectory: np.ndarray, rows: np.ndarray, settled: int) -> tuple[np.ndarray, np.ndarray]:

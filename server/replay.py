@@ -244,7 +244,7 @@ def report_of(result: Result, log: Log, options: Options, settings: config.Confi
         particles=estimate.n_particles,
         vertices=len(estimate.path),
         odometry_readings=len(drive.times),
-        path_length_m=round(maps.path_length(result.trajectory), 3),
+        path_length_m=round(maps.path_length(result.trajectory, maps.TREMBLING), 3),
         duration_s=round(duration, 3),
         wall_s=round(result.seconds["total"], 3),
         real_time_factor=round(duration / result.seconds["total"], 1),

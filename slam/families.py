@@ -2,7 +2,7 @@
 
 Particles of a good laser stand within a centimetre or two of each other, and their maps, drawn apart, would be alike
 cell by cell. A family's map is drawn from where its head stands; the others go on relative to it. So memory, and the
-time for drawing, grow with how much is open, and not with the particles. Uses its sibling `path_tree`.
+time for drawing, are what the families take. Uses its sibling `path_tree`.
 """
 
 from __future__ import annotations

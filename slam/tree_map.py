@@ -2,7 +2,7 @@
 
 Every particle has a table of patches. A child begins with its parent's, so that all that lies behind the last common
 ancestor of all particles (the trunk of the path tree) is stored once, and a branch of the crown owns the patches that
-were written since it parted. Memory grows with the map and with what branches see, not with particles.
+were written since it parted. Memory grows with the map, and with what the branches see in the open.
 
 A cell holds the log odds that it is occupied, and a *surfel*: the mean of the ends of beams that fell into it, and of
 the normals of their walls, which says where in the cell the wall stands. Few cells have one: bits tell which.

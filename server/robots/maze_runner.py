@@ -118,7 +118,8 @@ class MazeRunner:
         self.history: deque[tuple[float, np.ndarray]] = deque()  # of the odometry, with its times
         self.seen_at = np.zeros(3)  # the odometry when the newest scan was taken
         self.looked = self.taken = -math.inf  # when a scan came last, and when it was taken
-        self.travelled = self.distance = 0.0  # m since the last vertex, and since the start
+        self.travelled = self.distance = 0.0  # m since the last vertex, and since the start,
+        self.passed = np.zeros(3)  # up to this pose
         self.vertices: list[np.ndarray] = []
         self.times: list[float] = []  # of the vertices
         self.told: list[np.ndarray] = []  # odometry of the laser at the vertices
@@ -185,7 +186,6 @@ class MazeRunner:
     def look(self, message: Ranges) -> list[Effect]:
         """Follow a scan, and steer by it; it is a vertex's where the robot has moved on."""
         walls = walls_of(message.ranges, self.rays, self.params.scan)
-        before = self.follower.pose
         self.taken = message.t - self.params.laser_delay
         told = self.odometry_at(self.taken)
         pose = self.follower.step(compose(told, self.mount), scan_of(walls, self.params.filter.jump))
@@ -193,14 +193,18 @@ class MazeRunner:
         self.seen_at, self.looked = told, self.t
         effects: list[Effect] = list(self.steer())
         if self.vertices:
-            moved = math.hypot(pose[0] - before[0], pose[1] - before[1])
-            self.travelled += moved
-            self.distance += moved
+            moved = math.hypot(pose[0] - self.passed[0], pose[1] - self.passed[1])
+            if moved >= self.params.odometry.step:  # less may be what a scan errs by
+                self.passed = pose
+                self.travelled += moved
+                self.distance += moved
             apart = between(self.vertices[-1], pose)
             is_near = math.hypot(apart[0], apart[1]) < self.params.vertex_spacing
             if is_near and abs(apart[2]) < self.params.vertex_turn:
                 return effects
         keyframe = Keyframe(self.taken, len(self.vertices), pose, walls, self.travelled)
+        if not self.vertices:
+            self.passed = pose
         self.vertices.append(pose)
         self.times.append(self.taken)
         self.told.append(compose(told, self.mount))

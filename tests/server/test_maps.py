@@ -179,3 +179,14 @@ def test_a_jump_of_kilometres_makes_the_grid_coarser_and_not_larger(room):
     assert maps.MAX_CELLS / 2 <= max(grid.cells.shape) <= maps.MAX_CELLS
     assert math.log2(grid.resolution / maps.RESOLUTION) % 1.0 == 0.0
     assert OCCUPIED in grid.cells
+
+
+def test_a_path_is_as_long_as_its_way_and_trembling_is_none():
+    rng = np.random.default_rng(0)
+    still = np.column_stack([rng.normal(0.0, 0.003, (600, 2)), np.zeros(600)])
+    there = np.column_stack([np.linspace(0.0, 2.0, 100), np.zeros((100, 2))])
+    path = np.concatenate([still, there, there[::-1]])
+    assert maps.path_length(there) == pytest.approx(2.0)
+    assert maps.path_length(path) > 6.0
+    assert maps.path_length(path, 0.02) == pytest.approx(4.0, abs=0.03)
+    assert maps.path_length(path[:1], 0.02) == maps.path_length(path[:0], 0.02) == 0.0
