@@ -8,6 +8,7 @@ as many threads as there are cores.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -30,8 +31,11 @@ from server.replay import Result, fold, run_mapper, warm_up
 from server.report import peak_rss_mb
 from server.robots.maze_runner import MazeRunner
 from slam.evaluate import absolute_error, alignment
+from slam.fastslam import FastSlam
 from slam.grid_filter import GridFilter
 from slam.pose import transform
+from slam.refined_grid_filter import RefinedGridFilter
+from slam.scan_graph import ScanGraph
 from slam.timeline import associate
 
 ALONE = {"odometry": {"is_alone": True}}
@@ -99,7 +103,20 @@ def run(case: Case, seed: int) -> Record:
         "refinement": result.seconds["refinement"],
         "speed": float(np.ptp(drive.times)) / result.seconds["total"],
         **mapper.times_taken(),
+        **revisits(mapper.path_filter, result.path),
         **errors_of(result, log.path.parent / "intel.relations", log.path),
+    }
+
+
+def revisits(path_filter: RefinedGridFilter | FastSlam, path: np.ndarray) -> Record:
+    """How far scans of different visits agree, laid by a path (n, 3), and by the laser's own odometry: no truth."""
+    if not isinstance(path_filter, RefinedGridFilter):
+        return {}
+    graph = ScanGraph(np.array(path_filter.odometry), path_filter.path_filter.scans, path_filter.params)
+    gap = graph.params.gap
+    return {
+        "again": graph.agreement_along(path, gap=gap),
+        "again_before": graph.agreement_along(graph.odometry, gap=gap),
     }
 
 
@@ -139,6 +156,12 @@ def longest(part: str) -> Callable[[Row], str]:
     """How long a part of the work takes: the 99th percentile, as the median of the runs, and the longest of all."""
     usual, worst = figures(f"{part}_p99_ms", 1, 0.5), figures(f"{part}_worst_ms", 1, 1.0)
     return lambda row: f"{usual(row)} / {worst(row)}"
+
+
+def agreements(row: Row) -> str:
+    """Medians in percent."""
+    found = [[record.get(key, math.nan) for record in row.records] for key in ("again", "again_before")]
+    return " / ".join(f"{100.0 * np.median(each):.1f}" if np.isfinite(each).all() else "-" for each in found)
 
 
 def notes(rows: list[Row]) -> Iterator[str]:
@@ -223,6 +246,7 @@ BENCH = Bench(
         Column("relations, medians over the seeds", relations_of),
         Column("its mean: median / worst (m)", figures("mean", 4, 0.5, 1.0)),
         Column("ATE median / p90 / worst (m)", tails("ate", 3)),
+        Column("ends that agree on revisits: path / laser's own odometry (%)", agreements),
         Column("seconds", middle("seconds", 1)),
         Column("fold", middle("fold", 1)),
         Column("filter", middle("filter", 1)),

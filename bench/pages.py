@@ -30,7 +30,7 @@ def table(parts: Sequence[Result]) -> str:
     rows = [[row.name, *(column.text(row) for column in bench.columns)] for row in found]
     lines = [f"| {' | '.join(cells)} |" for cells in (columns, *rows)]
     lines.insert(1, "|" + "---|" * len(columns))
-    notes = [f"\n{note}" for part in parts for note in part.notes]
+    notes = [f"\n{note}" for note in dict.fromkeys(note for part in parts for note in part.notes)]
     return "\n".join([*lines, *notes, *(f"\n*{made_by(part)}*" for part in parts)])
 
 

@@ -117,14 +117,14 @@ class ScanGraph:
         terms = Terms(*(np.concatenate(columns) for columns in zip(*(part[1] for part in parts), strict=True)))
         return sum(part[0] for part in parts), terms, Border.zeros(len(poses), shared.size)
 
-    def agreement_along(self, path: np.ndarray, beat: Beat = lambda: None) -> float:
+    def agreement_along(self, path: np.ndarray, beat: Beat = lambda: None, gap: int = 1) -> float:
         """The share of ends that agree, of those that speak, over all scans that a path (n, 3) puts near each other.
 
-        `beat` is called now and then.
+        `gap` vertices at least lie between them; where there are none it is 0. `beat` is called now and then.
         """
         params = self.params
         pairs = np.empty((len(path) * WITNESSES, 2), np.int64)
-        pairs = pairs[: near_pairs(path, params.last_range, WITNESSES, 1, pairs)]
+        pairs = pairs[: near_pairs(path, params.last_range, WITNESSES, gap, pairs)]
         poses = between(path[pairs[:, 0]], path[pairs[:, 1]])
         agree, through = compare_pairs(self.sheaf, pairs, poses, params.agreement, self.share, beat).sum(axis=(0, 1))
         return float(agree) / max(1, int(agree + through))
