@@ -15,7 +15,7 @@ from server.formats.logs import Log
 from server.formats.relations import read_relations
 from server.replay import Result, run_log
 from server.robots.crunch import CrunchParams
-from slam.evaluate import absolute_error, relations_error, revisits
+from slam.evaluate import Relations, absolute_error, relations_error, revisits
 from slam.timeline import associate
 from slam.trajectory import correct
 
@@ -105,14 +105,22 @@ def by_relations(result: Result, path: Path) -> Record:
     """Mean and standard deviation (m) and mean turn (degrees) of the relations' errors, odometry's beside them."""
     if not path.is_file():
         return {}
-    relations = read_relations(path)
-    record: Record = {}
-    for prefix, poses in (("", result.trajectory), ("odometry_", result.drive.odometry)):
-        errors = relations_error(result.drive.times, poses, relations)
-        record[f"{prefix}mean"] = errors.translation.mean
-        record[f"{prefix}std"] = errors.translation.std
-        record[f"{prefix}degrees"] = float(np.degrees(errors.rotation.mean))
-    return record
+    relations, drive = read_relations(path), result.drive
+    odometry = of_relations(drive.times, drive.odometry, relations)
+    return {
+        **of_relations(drive.times, result.trajectory, relations),
+        **{f"odometry_{name}": value for name, value in odometry.items()},
+    }
+
+
+def of_relations(times: np.ndarray, poses: np.ndarray, relations: Relations) -> Record:
+    """The same of any trajectory: poses (n, 3) at times (n,)."""
+    errors = relations_error(times, poses, relations)
+    return {
+        "mean": errors.translation.mean,
+        "std": errors.translation.std,
+        "degrees": float(np.degrees(errors.rotation.mean)),
+    }
 
 
 def relations_of(row: Row, prefix: str = "") -> str:
