@@ -113,11 +113,8 @@ def revisits(path_filter: RefinedGridFilter | FastSlam, path: np.ndarray) -> Rec
     if not isinstance(path_filter, RefinedGridFilter):
         return {}
     graph = ScanGraph(np.array(path_filter.odometry), path_filter.path_filter.scans, path_filter.params)
-    gap = graph.params.gap
-    return {
-        "again": graph.agreement_along(path, gap=gap),
-        "again_before": graph.agreement_along(graph.odometry, gap=gap),
-    }
+    after, before = (graph.agreement_along(way, gap=graph.params.gap) or math.nan for way in (path, graph.odometry))
+    return {"again": after, "again_before": before}
 
 
 def errors_of(result: Result, relations: Path, path: Path) -> Record:
