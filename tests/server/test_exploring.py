@@ -25,6 +25,7 @@ from server.navigator import NavigatorParams
 from server.recorded import open_log
 from server.recording import Kind, Reader
 from server.replay import Options, replay, run_log
+from server.rest.health import checks_of
 from server.robots.kinds import LASER
 from server.robots.maze_runner import MazeRunner, MazeRunnerParams, make_estimator
 from server.session import session_of
@@ -102,6 +103,31 @@ class Served:
 
     def drive(self, speed):
         self.bridge.hear("ann", DriveWord(type="drive", speed=speed, turn=0.0, seen=self.bridge.robot.t))
+
+
+def test_health_is_not_well_while_the_laser_is_silent():
+    served = Served()
+
+    def checks():
+        return {check.name: check for check in checks_of(served.bridge.status())}
+
+    served.advance(4.5)
+    assert all(check.ok for check in checks().values())
+    assert "motors" in checks()
+    assert "balance" not in checks(), "which it cannot lose"
+    served.is_deaf = True
+    served.advance(4.0)
+    assert [name for name, check in checks().items() if not check.ok] == ["laser"]
+    assert "says nothing" in checks()["laser"].detail
+    assert checks()["link"].detail == "connected"
+    served.is_deaf = False
+    served.advance(2.0)
+    assert all(check.ok for check in checks().values())
+    served.lines[LASER].error = "no such device"
+    assert checks()["laser"].detail == "no such device"
+    status = served.bridge.status()
+    status.robot.state = "fault"
+    assert "motors" in {check.name for check in checks_of(status) if not check.ok}
 
 
 def test_it_explores_when_it_is_told_to_and_a_hand_on_the_stick_ends_it():
