@@ -63,6 +63,12 @@ def open_log(
     return read_log(path, beams, max_range, robot)
 
 
+def robot_of(path: Path) -> str | None:
+    """The robot that a recording says it is of; None for other logs, and where there is none."""
+    is_ours = path.is_file() and (path.suffix == ".rlog" or is_recording(path))
+    return Reader(path).header.robot if is_ours else None
+
+
 def recorded_log(path: Path) -> Log:
     """A recording; a cut one ends at the cut and says so. FormatError where not a single frame can be read."""
     reader = Reader(path)
