@@ -124,7 +124,7 @@ def sonar(
 @app.command()
 def motors(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of trials: power,distance,time.")],
-    plot: Annotated[Path | None, typer.Option(help="PNG file for trials and curves.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of trials and curves: .png, .jpg, .svg or .pdf.")] = None,
     output: Annotated[Path | None, typer.Option(help="TOML file for what was learned; `--config` reads it.")] = None,
 ) -> None:
     """Learn how fast a power drives motors that have no encoders: power = A exp(B speed).
@@ -138,14 +138,17 @@ def motors(
         crunch calibrate motors trials.csv --output robot.toml
     """
     from server.formats.atomic import write_atomically
-    from server.motor_calibration import calibrate
+    from server.motor_calibration import calibrate, picture_kind
 
+    kind = picture_kind(plot) if plot else ""
     found = calibrate(files)
     if plot is not None:
-        write_atomically(plot, found.plot())
+        write_atomically(plot, found.plot(kind))
     if output is not None:
         write_atomically(output, found.toml())
     typer.echo(f"{aligned(found.rows())}\n\n{aligned(found.residual_rows())}")
+    if plot is not None:
+        typer.echo(f"\n{plot}: written")
     typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
 
 
