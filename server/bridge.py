@@ -350,7 +350,7 @@ class Bridge:
             version=self.version,
             session=self.about,
             recording=str(self.recorder.path) if self.recorder else None,
-            link=link_status(self.session, self.links.values(), self.is_connected, t),
+            link=link_status(self.session, self.links, self.is_connected, t),
             robot=robot_status(snapshot, self.is_virtual, self.layers.names(snapshot)),
             map=map_status(snapshot, worker.vertices > 0),
             filter=filter_status(snapshot, worker),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from server.errors import UserError
 from server.terminal import (
     Assignments,
     Beams,
@@ -54,17 +55,23 @@ def odometry(
         crunch calibrate odometry drive.rlog
         crunch calibrate odometry monday.rlog tuesday.rlog --output robot.toml
         crunch replay wednesday.rlog --out map --config robot.toml
-        crunch calibrate odometry maze.rlog --robot maze_runner
+        crunch calibrate odometry maze.rlog
+        crunch calibrate odometry intel.log --robot maze_runner
 
-    Maze Runner's laser tells how it truly moved, so that its logs need not come back to anything.
+    Maze Runner's laser tells how it truly moved, so that its logs need not come back to anything. Recordings say whose
+    they are; other logs are Crunch's unless --robot says otherwise.
     """
     import os
 
     from server import laser_calibration, odometry_calibration
+    from server.config import check_robot
     from server.formats.atomic import write_atomically
     from server.replay import Options
 
     check_beams(beams, max_range)
+    robot = robot or recorded_robot(logs)
+    if robot:
+        check_robot(robot)
     flags = settings_flags(preset, particles, robot)
     threads = threads or os.cpu_count() or 1
     options = Options(robot or "", seed, threads, beams, max_range, config, flags, assignments or ())
@@ -78,6 +85,17 @@ def odometry(
     if not quiet:
         typer.echo(table(found))
         typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
+
+
+def recorded_robot(logs: list[Path]) -> str | None:
+    """The robot that all recordings among the logs are of; None if there are none."""
+    from server.recorded import robot_of
+
+    robots = {robot: path for path in logs if (robot := robot_of(path))}
+    if len(robots) > 1:
+        told = ", ".join(f"{path} of {robot}" for robot, path in sorted(robots.items()))
+        raise UserError(f"the recordings are of several robots: {told}; calibrate each by its own")
+    return next(iter(robots), None)
 
 
 @app.command()
@@ -106,7 +124,7 @@ def sonar(
 @app.command()
 def motors(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of trials: power,distance,time.")],
-    plot: Annotated[Path | None, typer.Option(help="PNG file for trials and curves.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of trials and curves: .png, .jpg, .svg or .pdf.")] = None,
     output: Annotated[Path | None, typer.Option(help="TOML file for what was learned; `--config` reads it.")] = None,
 ) -> None:
     """Learn how fast a power drives motors that have no encoders: power = A exp(B speed).
@@ -120,14 +138,17 @@ def motors(
         crunch calibrate motors trials.csv --output robot.toml
     """
     from server.formats.atomic import write_atomically
-    from server.motor_calibration import calibrate
+    from server.motor_calibration import calibrate, picture_kind
 
+    kind = picture_kind(plot) if plot else ""
     found = calibrate(files)
     if plot is not None:
-        write_atomically(plot, found.plot())
+        write_atomically(plot, found.plot(kind))
     if output is not None:
         write_atomically(output, found.toml())
     typer.echo(f"{aligned(found.rows())}\n\n{aligned(found.residual_rows())}")
+    if plot is not None:
+        typer.echo(f"\n{plot}: written")
     typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
 
 

@@ -30,7 +30,7 @@ Progress = Callable[[float], None]  # takes the share that is done
 def calibrate(paths: Sequence[Path], options: Options, progress: Progress | None = None) -> Calibration:
     """Learn from logs of one robot; UserError where they cannot be read, or tell nothing."""
     check_distinct(paths)
-    logs = [open_log(path, None, None, NAME) for path in paths]
+    logs = [open_log(path, options.beams, options.max_range, NAME) for path in paths]
     told, true, metres = [], [], []
     present = None
     for part, log in enumerate(logs):

@@ -20,6 +20,7 @@ WHEEL = "wheel"  # a column that may say which motor a trial was of
 WHEELS = ("left", "right")
 BOTH = "both"
 REMEDY = "the first line is `power,distance,time`, then a trial a line: share of full power, metres, seconds"
+PICTURES = ("png", "jpg", "svg", "pdf")  # kinds, by the ends of files' names
 SURE = 0.95  # of the intervals
 
 
@@ -64,8 +65,8 @@ class MotorCalibration(NamedTuple):
         standing, growth = ([f"{value:.6g}" for value in values] for values in zip(*curves, strict=True))
         return f"[maze_runner.motors]\nstanding = [{', '.join(standing)}]\ngrowth = [{', '.join(growth)}]\n"
 
-    def plot(self) -> bytes:
-        """Trials and curves as a picture (PNG)."""
+    def plot(self, kind: str = "png") -> bytes:
+        """Trials and curves as a picture of a kind of `PICTURES`."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -79,7 +80,7 @@ class MotorCalibration(NamedTuple):
         axes.legend(frameon=False)
         picture = io.BytesIO()
         FigureCanvasAgg(figure)
-        figure.savefig(picture, format="png", dpi=120)
+        figure.savefig(picture, format=kind, dpi=120)
         return picture.getvalue()
 
 
@@ -101,6 +102,14 @@ def calibrate(paths: Sequence[Path]) -> MotorCalibration:
         raise UserError(f"no curve is learned: {error}") from None
 
 
+def picture_kind(path: Path) -> str:
+    """The kind of picture that a file's name asks for; UserError where it is none that is drawn."""
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in PICTURES:
+        raise UserError(f"--plot {path}: is no name of a picture; let it end in .{', .'.join(PICTURES)}")
+    return kind
+
+
 def trials_of(rows: list[list[float]]) -> Trials:
     """Rows of power, distance and time as columns."""
     return Trials(*np.array(rows, float).T)
@@ -108,7 +117,7 @@ def trials_of(rows: list[list[float]]) -> Trials:
 
 def read_trials(path: Path) -> list[tuple[str, float, float, float]]:
     """Wheel, power, distance and time of each trial; FormatError names the line that cannot be read."""
-    reader = csv.DictReader(io.StringIO(read_bytes(path, "name a CSV file").decode("utf-8", errors="replace")))
+    reader = csv.DictReader(io.StringIO(read_bytes(path, "name a CSV file").decode("utf-8-sig", errors="replace")))
     names = [name.strip().lower() for name in reader.fieldnames or ()]
     missing = [name for name in COLUMNS if name not in names]
     if missing:

@@ -8,7 +8,7 @@ from pathlib import Path
 from server.channels import Calibration
 from server.config import Config, ConfigError, check_robot, load
 from server.formats.errors import FormatError, read_bytes
-from server.formats.logs import Log, check_laser, read_log
+from server.formats.logs import Log, read_log
 from server.messages import Effect, Message
 from server.recording import Header, Kind, Reader, Record, is_recording
 from server.session import session_of
@@ -58,9 +58,17 @@ def open_log(
     if path.is_file():
         read_bytes(path)  # tells what hinders reading before anything guesses at the content
         if path.suffix == ".rlog" or is_recording(path):
-            check_laser(path, beams)
+            if beams is not None:
+                told = "is a recording of a robot, which is replayed whole"
+                raise FormatError(path, None, told, "leave out --beams and --max-range")
             return recorded_log(path)
     return read_log(path, beams, max_range, robot)
+
+
+def robot_of(path: Path) -> str | None:
+    """The robot that a recording says it is of; None for other logs, and where there is none."""
+    is_ours = path.is_file() and (path.suffix == ".rlog" or is_recording(path))
+    return Reader(path).header.robot if is_ours else None
 
 
 def recorded_log(path: Path) -> Log:

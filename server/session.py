@@ -147,7 +147,7 @@ class Session:
             "rejected": sum(decoder.rejected for decoder in self.decoders.values())
             + sum(line.rejected for line in self.lines.values()),
             "refused": dict(sum((line.refused for line in self.lines.values()), self.refused)),
-            "faults": [line.fault for line in self.lines.values() if line.fault],
+            "faults": {link_id: line.fault for link_id, line in self.lines.items()},
             "lost": sum(health.lost for health in self.health_of.values()),
             "boards": {
                 channels.SOURCES[source]: {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Mapping
 
 from server.control import Control
 from server.estimator import EstimatorStatus
@@ -36,16 +36,19 @@ def map_status(snapshot: Snapshot, has_vertices: bool) -> MapStatus:
     )
 
 
-def link_status(session: Session, links: Collection[Link], is_connected: bool, t: float) -> LinkStatus:
+def link_status(session: Session, links: Mapping[str, Link], is_connected: bool, t: float) -> LinkStatus:
     """How the radio is doing at the session's time t, if a line to the boards is open."""
     health = session.health(t)
     boards = [board for board in health["boards"].values() if board["age"] is not None]
+    faults = {link_id: fault for link_id, fault in health["faults"].items() if link_id in links}
+    errors = [f"{link.spec}: {link.error}" for link in links.values() if link.error]
     counters = {"frames": sum(health["frames"].values()), "lost": health["lost"], "rejected": health["rejected"]}
     return LinkStatus(
-        names=[link.spec for link in links],
+        names=[link.spec for link in links.values()],
         connected=is_connected,
-        error="; ".join([*(f"{link.spec}: {link.error}" for link in links if link.error), *health["faults"]]),
-        reconnects=sum(link.reconnects for link in links),
+        error="; ".join([*errors, *filter(None, faults.values())]),
+        side_lines={link_id: links[link_id].error or fault for link_id, fault in faults.items()},
+        reconnects=sum(link.reconnects for link in links.values()),
         silence_s=round(max(0.0, min(board["age"] for board in boards)), 3) if boards else None,
         lost_percent=round(100.0 * max((board["loss"] for board in boards), default=0.0), 2),
         counters={**counters, **{f"refused_{reason}": count for reason, count in health["refused"].items()}},
@@ -100,7 +103,8 @@ def filter_status(snapshot: Snapshot, worker: EstimatorStatus) -> FilterStatus:
 def driver_status(
     snapshot: Snapshot, control: Control, n_viewers: int, t: float, exploring: Progress | None = None
 ) -> DriverStatus:
-    """Who drives at the session's time t."""
+    """Who drives at the session's time t, and how fast the robot then goes at most."""
+    fastest, turning = snapshot.fastest
     return DriverStatus(
         viewer=control.driver,
         leased=control.has_lease(t),
@@ -113,8 +117,8 @@ def driver_status(
         shared=control.wish is not None and control.wish.shared,
         goal=snapshot.goal,
         viewers=n_viewers,
-        max_speed=control.params.max_speed,
-        max_turn=control.params.max_turn,
+        max_speed=round(min(control.params.max_speed, fastest), 3),
+        max_turn=round(min(control.params.max_turn, turning), 3),
     )
 
 

@@ -39,11 +39,21 @@ Particles = Annotated[int | None, typer.Option(help="Particles of the path filte
 
 
 def settings_flags(preset: str | None, particles: int | None, robot: str | None) -> dict[str, Any]:
-    """The flags that are settings, nested as in config.toml."""
+    """The flags that are settings, nested as in config.toml; UserError for a preset that is another robot's."""
+    check_preset(preset, robot or "crunch")
     flags: dict[str, Any] = {"preset": preset} if preset is not None else {}
     if particles is not None:
         flags[robot or "crunch"] = {"filter": {"particles": particles}}
     return flags
+
+
+def check_preset(preset: str | None, robot: str) -> None:
+    """UserError for a preset that says nothing about a robot."""
+    from server.presets import NAMED
+
+    robots = NAMED.get(preset or "", {robot: {}})
+    if robot not in robots:
+        raise UserError(f"preset `{preset}` is for {' and '.join(robots)}, not for {robot}; leave out --preset")
 
 
 def folders_for(logs: list[Path], out: Path) -> list[Path]:

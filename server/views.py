@@ -26,6 +26,11 @@ class LinkStatus(BaseModel):
     names: list[str] = Field(examples=[["virtual:"]])
     connected: bool = Field(examples=[True])
     error: str = Field(examples=[""], description="why a line is lost or not found; empty while all are open")
+    side_lines: dict[str, str] = Field(
+        default={},
+        examples=[{"laser": "", "mouse0": "no such device"}],
+        description="what is wrong with the lines of a laser and of mice; empty while nothing is",
+    )
     reconnects: int = Field(examples=[0], description="how often lost lines were opened again")
     silence_s: float | None = Field(examples=[0.02], description="since the last good frame; null before the first")
     lost_percent: float = Field(examples=[0.4], description="of the frames of the last seconds")
@@ -114,8 +119,8 @@ class DriverStatus(BaseModel):
     shared: bool = Field(examples=[True], description="whether obstacles bend the driver's direction now")
     goal: tuple[float, float] | None = Field(examples=[(2.0, 1.5)])
     viewers: int = Field(examples=[1])
-    max_speed: float = Field(examples=[0.5])
-    max_turn: float = Field(examples=[1.5])
+    max_speed: float = Field(examples=[0.5], description="m/s that the rules and the robot permit")
+    max_turn: float = Field(examples=[1.5], description="rad/s, as above")
 
 
 class SessionStatus(BaseModel):

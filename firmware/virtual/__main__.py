@@ -1,4 +1,4 @@
-"""`python -m firmware.virtual`: a Crunch to connect to when no Crunch is at hand."""
+"""`python -m firmware.virtual`: a Crunch or a Maze Runner to connect to when none is at hand."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import asyncio
 import contextlib
 import signal
 import sys
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from firmware.virtual.host import DRIFTS
+from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.native import CompilerError
 from firmware.virtual.plans import PlanError, load_plan
 from firmware.virtual.radio import Radio
 from firmware.virtual.robot import VirtualCrunch
 from firmware.virtual.routes import tour
-from firmware.virtual.serve import serve_pty, serve_tcp
+from firmware.virtual.serve import serve_pty, serve_tcp, serve_with_laser
 from firmware.virtual.worlds import WorldError, load_world
 
 EXAMPLES = """\
@@ -33,8 +34,11 @@ examples:
       The same with both boards' real ATmega32 programs; needs gcc-avr, avr-libc, make and libsimavr-dev.
   python -m firmware.virtual --loss 0.05 --latency 0.06 --bit-errors 1e-5 --tcp 127.0.0.1:9000
       The same over a bad radio.
+  python -m firmware.virtual --robot maze_runner --tcp 127.0.0.1:9000 --laser-tcp 127.0.0.1:9001
+      A Maze Runner in a random maze, whose laser has a line of its own.
+      Connect with: crunch serve --robot maze_runner --link tcp://127.0.0.1:9000 --laser tcp://127.0.0.1:9001
 
-A world is a built-in name (demo, corridor50), a .toml of walls, a CARMEN .map, or a ROS map_server .yaml.
+A world is a built-in name (demo, corridor50, maze:medium:3), a .toml of walls, a CARMEN .map, or a ROS .yaml.
 The robot's firmware is compiled with the system's C compiler on first use.
 """
 
@@ -43,11 +47,14 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     made = argparse.ArgumentParser(
         prog="python -m firmware.virtual",
-        description="A virtual Crunch: a balancing robot in a world of walls that speaks the real robot's bytes.",
+        description="A virtual robot, Crunch or Maze Runner, in a world of walls that speaks the real one's bytes.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument("--world", default="demo", metavar="W", help="world to live in (default: demo)")
+    made.add_argument(
+        "--robot", choices=["crunch", "maze_runner"], default="crunch", help="which robot (default: crunch)"
+    )
+    made.add_argument("--world", metavar="W", help="world to live in (default: demo, or maze:medium:S by the seed)")
     drives = made.add_mutually_exclusive_group()
     drives.add_argument("--plan", metavar="P", help="drive plan to follow: a built-in name or a .toml of waypoints")
     drives.add_argument("--tour", type=float, metavar="M", help="follow a random tour of about M metres")
@@ -68,6 +75,7 @@ def parser() -> argparse.ArgumentParser:
     where = made.add_mutually_exclusive_group(required=True)
     where.add_argument("--tcp", metavar="HOST:PORT", help="listen here; port 0 takes a free one")
     where.add_argument("--pty", type=Path, metavar="PATH", help="make a pseudo-terminal of this name")
+    made.add_argument("--laser-tcp", metavar="HOST:PORT", help="a Maze Runner's laser listens here")
     radio = made.add_argument_group("radio", "without any of these the bytes arrive at once and whole")
     radio.add_argument("--latency", type=float, metavar="SECONDS", help="delay of each chunk")
     radio.add_argument("--loss", type=float, metavar="SHARE", help="share of chunks lost")
@@ -82,8 +90,32 @@ def radio_of(options: argparse.Namespace) -> Radio | None:
     return Radio(**given) if given else None
 
 
-def robot_of(options: argparse.Namespace) -> VirtualCrunch:
-    """The robot asked for."""
+def check_robot(options: argparse.Namespace) -> None:
+    """ValueError for what the robot does not have."""
+    if options.robot == "crunch":
+        if options.laser_tcp:
+            raise ValueError("--laser-tcp: a Crunch has no laser; leave it out, or add --robot maze_runner")
+        return
+    if not (options.tcp and options.laser_tcp):
+        raise ValueError("--robot maze_runner: needs --tcp for its board and --laser-tcp for its laser")
+    given = {"--plan": options.plan, "--tour": options.tour is not None, "--disarmed": options.disarmed}
+    for flag in (flag for flag, is_given in given.items() if is_given):
+        raise ValueError(f"{flag}: is for a Crunch; a Maze Runner is driven by its host")
+
+
+def maze_runner_of(options: argparse.Namespace) -> VirtualMazeRunner:
+    """The Maze Runner asked for."""
+    return VirtualMazeRunner(
+        load_world(options.world),
+        seed=options.seed,
+        drift=options.drift,
+        radio=radio_of(options),
+        build=options.build,
+    )
+
+
+def crunch_of(options: argparse.Namespace) -> VirtualCrunch:
+    """The Crunch asked for."""
     world = load_world(options.world)
     plan = load_plan(options.plan) if options.plan else None
     if options.tour is not None:
@@ -99,11 +131,23 @@ def robot_of(options: argparse.Namespace) -> VirtualCrunch:
     )
 
 
-def tcp_address(text: str) -> tuple[str, int]:
+def serving(options: argparse.Namespace, ready: Callable[[str], None]) -> Coroutine[Any, Any, None]:
+    """The robot asked for, served where it was asked for."""
+    check_robot(options)
+    if options.robot == "maze_runner":
+        board, laser = tcp_address(options.tcp), tcp_address(options.laser_tcp, "--laser-tcp")
+        return serve_with_laser(maze_runner_of(options), board, laser, options.speed, ready)
+    if options.tcp:
+        where = tcp_address(options.tcp)
+        return serve_tcp(crunch_of(options), *where, options.speed, ready)
+    return serve_pty(crunch_of(options), options.pty, options.speed, ready)
+
+
+def tcp_address(text: str, flag: Literal["--tcp", "--laser-tcp"] = "--tcp") -> tuple[str, int]:
     """Host and port of HOST:PORT."""
     host, colon, port = text.rpartition(":")
     if not colon or not host or not port.isdigit() or int(port) > 65535:
-        raise ValueError(f"--tcp {text}: needs HOST:PORT, such as 127.0.0.1:9000")
+        raise ValueError(f"{flag} {text}: needs HOST:PORT, such as 127.0.0.1:9000")
     return host.strip("[]"), int(port)
 
 
@@ -118,17 +162,16 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs until interrupted; exit code 2 and one line for what cannot be done."""
     options = parser().parse_args(arguments)
 
+    name = "Crunch" if options.robot == "crunch" else "Maze Runner"
+    options.world = options.world or ("demo" if options.robot == "crunch" else f"maze:medium:{options.seed}")
+
     def ready(address: str) -> None:
-        print(f"virtual Crunch in {options.world} at {address}; Ctrl-C ends it", flush=True)
+        print(f"virtual {name} in {options.world} at {address}; Ctrl-C ends it", flush=True)
 
     try:
         if not options.speed > 0.0:
             raise ValueError(f"--speed {options.speed}: needs a number above 0")
-        robot = robot_of(options)
-        if options.tcp:
-            served = serve_tcp(robot, *tcp_address(options.tcp), options.speed, ready)
-        else:
-            served = serve_pty(robot, options.pty, options.speed, ready)
+        served = serving(options, ready)
         with contextlib.suppress(KeyboardInterrupt, asyncio.CancelledError):
             asyncio.run(until_told(served))
     except (WorldError, PlanError, CompilerError, ValueError, OSError) as problem:

@@ -65,6 +65,7 @@ def read_log(
     folder = sonar8.folder_of(path)
     if folder is not None:
         check_laser(folder, beams)
+        check_few(folder, robot)
         return sonar8_log(folder)
     stem = lego.stem_of(path)
     if stem is not None:
@@ -75,6 +76,7 @@ def read_log(
     if bags.is_bag(content):
         if any(topic.endswith(crazyflie.ENDS) for topic in bags.topics_in(path)):
             check_laser(path, beams)
+            check_few(path, robot)
             return crazyflie_log(path)
         return laser_log("bag", bags.read_laser_bag(path), None if is_whole else reduction)
     if carmen.is_carmen(content[:SNIFFED]):
@@ -89,6 +91,12 @@ def check_laser(path: Path, beams: int | None) -> None:
     """FormatError where a laser is to be thinned in a log that has none."""
     if beams is not None:
         raise FormatError(path, None, "has no laser that --beams could thin", "leave out --beams and --max-range")
+
+
+def check_few(path: Path, robot: str | None) -> None:
+    """FormatError where a log of a few rangefinders is to be mapped by a robot that needs a laser's whole scans."""
+    if robot == MAZE_RUNNER:
+        raise FormatError(path, None, f"has no laser's scans, which {MAZE_RUNNER} maps with", "leave out --robot")
 
 
 def sonar8_log(folder: Path) -> Log:

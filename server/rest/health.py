@@ -12,7 +12,7 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
 
 from server.cockpit import PREFIX, Cockpit
-from server.views import Status
+from server.views import RobotStatus, Status
 
 SILENT = 1.0  # s without a word from the robot
 LOSSY = 20.0  # percent of frames
@@ -41,7 +41,7 @@ def health_routes(cockpit: Cockpit) -> APIRouter:
 
     @router.get("/health", tags=["watching"], responses={503: {"model": Health, "description": "Some check failed"}})
     async def health(response: Response) -> Health:
-        """200 while the robot is heard, the filter runs and there is room to record; 503 as soon as one is not so."""
+        """200 while robot and laser are heard, the filter runs and there is room to record; 503 where one is not so."""
         checks = checks_of(cockpit.status())
         found = Health(ok=all(check.ok for check in checks), checks=checks)
         response.status_code = 200 if found.ok else 503
@@ -56,16 +56,27 @@ def checks_of(status: Status) -> list[Check]:
     silence = link.silence_s
     is_heard = silence is not None and silence <= SILENT
     connection = "connected" if link.connected else "not connected"
+    error = "" if link.connected and any(link.side_lines.values()) else link.error  # that is told apart
     heard = "never heard" if silence is None else f"heard {silence:.2f} s ago"
     return [
-        Check(name="link", ok=link.connected, detail=link.error or connection),
+        Check(name="link", ok=link.connected, detail=error or connection),
+        *(Check(name=name, ok=not wrong, detail=wrong or "well") for name, wrong in link.side_lines.items()),
         Check(name="robot", ok=is_heard, detail=heard),
         Check(name="radio", ok=link.lost_percent < LOSSY, detail=f"{link.lost_percent:.1f} % of frames lost"),
-        Check(name="balance", ok=robot.state != "fallen", detail=robot.state or "not told yet"),
+        state_check(robot),
         Check(name="filter", ok=worker.state != "failed", detail=worker.reason or worker.state),
         Check(name="loop", ok=status.loop.late_p99_ms < LATE, detail=f"p99 {status.loop.late_p99_ms:.1f} ms late"),
         recording_check(status.recording),
     ]
+
+
+def state_check(robot: RobotStatus) -> Check:
+    """Whether the board that drives can: `balance` of a robot that tilts, and `motors` of one that does not."""
+    told = robot.state or "not told yet"
+    if robot.tilt_rad is not None:
+        return Check(name="balance", ok=robot.state != "fallen", detail=told)
+    reason = f" ({robot.stop_reason})" if robot.stop_reason else ""
+    return Check(name="motors", ok=robot.state != "fault", detail=told + reason)
 
 
 def recording_check(recording: str | None) -> Check:

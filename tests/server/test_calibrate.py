@@ -66,6 +66,19 @@ def test_mistakes_are_one_line(crunch, room, tmp_path):  # noqa: F811
     assert_mendable(crunch(*calibrate, "cut.rlog"), "cut.rlog", "header")
 
 
+def test_recordings_say_whose_odometry_is_learned(crunch):  # noqa: F811
+    maze = ("simulate", "--robot", "maze_runner", "--world", "maze:small:1", "--duration", "25", "--out", "maze.rlog")
+    assert crunch(*maze).code == 0
+    outcome = crunch("calibrate", "odometry", "maze.rlog")
+    assert outcome.code == 0, outcome.err
+    assert "[maze_runner.odometry.motion.odometry]" in outcome.out
+    assert outcome == crunch("calibrate", "odometry", "maze.rlog", "--robot", "maze_runner")
+    assert crunch("simulate", "--out", "drive.rlog", "--duration", "2").code == 0
+    for logs in (("drive.rlog", "maze.rlog"), ("maze.rlog", "drive.rlog")):
+        told = "of several robots: drive.rlog of crunch, maze.rlog of maze_runner"
+        assert_mendable(crunch("calibrate", "odometry", *logs), told)
+
+
 def test_a_cut_log_counts_up_to_the_cut(crunch, room, tmp_path):  # noqa: F811
     text = room.read_text()
     (tmp_path / "cut.log").write_text(text[: len(text) * 9 // 10])

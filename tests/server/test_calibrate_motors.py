@@ -53,7 +53,30 @@ def test_the_command_prints_curves_and_residuals_and_draws_them(tmp_path, capsys
     assert "A " in told
     assert told.count("both") == 6
     assert "[maze_runner.motors]" in told
+    assert f"{tmp_path / 'a.png'}: written\n" in told
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("name", "begins"), [("a.jpg", b"\xff\xd8"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF")])
+def test_a_picture_is_of_the_kind_that_its_name_says(tmp_path, name, begins):
+    path = write(tmp_path / "a.csv", trials())
+    assert run(["calibrate", "motors", str(path), "--plot", str(tmp_path / name)], is_debug=False) == 0
+    assert (tmp_path / name).read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize("name", ["a", "a.bmp", "a.csv"])
+def test_a_picture_of_no_kind_is_refused(tmp_path, name, capsys):
+    path = write(tmp_path / "a.csv", trials())
+    before = path.read_bytes()
+    assert run(["calibrate", "motors", str(path), "--plot", str(tmp_path / name)], is_debug=False) == 2
+    assert "let it end in .png, .jpg, .svg, .pdf" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_a_file_that_begins_with_a_mark_of_its_encoding_is_read(tmp_path):
+    plain = write(tmp_path / "a.csv", trials())
+    (tmp_path / "b.csv").write_text(plain.read_text(), encoding="utf-8-sig")
+    assert calibrate([tmp_path / "b.csv"]).toml() == calibrate([plain]).toml()
 
 
 @pytest.mark.parametrize(

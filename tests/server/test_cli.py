@@ -173,6 +173,11 @@ def test_other_mistakes_are_one_line(crunch, tmp_path):
     assert_mendable(crunch("demo", "--no-browser", "--set", f"{bearings}=[0.0]"), bearings, "1 bearings")
     assert_mendable(crunch("replay", log, "--out", "m", "--particles", "0"), "crunch.filter.particles = 0")
     assert_mendable(crunch("replay", log, "--out", "m", "--preset", "tesis"), "preset `tesis` is unknown")
+    maze_runner = ("replay", log, "--out", "m", "--robot", "maze_runner")
+    assert_mendable(crunch(*maze_runner, "--preset", "thesis"), "preset `thesis` is for crunch, not for maze_runner")
+    told = "preset `paper` is for maze_runner, not for crunch"
+    assert_mendable(crunch("replay", log, "--out", "m", "--preset", "paper"), told)
+    assert_mendable(crunch("demo", "--no-browser", "--preset", "paper"), told)
     assert_mendable(crunch("rplay"), "No such command 'rplay'")
     assert_mendable(crunch("score", "m"), "give --truth")
     assert_mendable(crunch("simulate", "--out", "a.rlog", "--world", "mars"), "mars")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Literal
 
@@ -25,6 +26,7 @@ from server.navigator import NavigatorParams
 from server.recorded import open_log
 from server.recording import Kind, Reader
 from server.replay import Options, replay, run_log
+from server.rest.health import checks_of
 from server.robots.kinds import LASER
 from server.robots.maze_runner import MazeRunner, MazeRunnerParams, make_estimator
 from server.session import session_of
@@ -102,6 +104,46 @@ class Served:
 
     def drive(self, speed):
         self.bridge.hear("ann", DriveWord(type="drive", speed=speed, turn=0.0, seen=self.bridge.robot.t))
+
+
+def test_health_is_not_well_while_the_laser_is_silent():
+    served = Served()
+
+    def checks():
+        return {check.name: check for check in checks_of(served.bridge.status())}
+
+    served.advance(4.5)
+    assert all(check.ok for check in checks().values())
+    assert "motors" in checks()
+    assert "balance" not in checks(), "which it cannot lose"
+    served.is_deaf = True
+    served.advance(4.0)
+    assert [name for name, check in checks().items() if not check.ok] == ["laser"]
+    assert "says nothing" in checks()["laser"].detail
+    assert checks()["link"].detail == "connected"
+    served.is_deaf = False
+    served.advance(2.0)
+    assert all(check.ok for check in checks().values())
+    served.lines[LASER].error = "no such device"
+    assert checks()["laser"].detail == "no such device"
+    status = served.bridge.status()
+    status.robot.state = "fault"
+    assert "motors" in {check.name for check in checks_of(status) if not check.ok}
+
+
+def test_the_status_tells_how_fast_the_robot_itself_can_go():
+    served = Served()
+    served.advance(1.5)
+    driver = served.bridge.status().driver
+    assert (driver.max_speed, driver.max_turn) == (pytest.approx(math.log(1 / 0.090149) / 6.44209, abs=1e-3), 0.8)
+    tired = PARAMS.motors.model_copy(update={"standing": (0.09, 0.5), "track": 0.4})
+    robot = MazeRunner(PARAMS.model_copy(update={"motors": tired}))
+    wheel = math.log(2.0) / PARAMS.motors.growth[1]
+    assert robot.snapshot().fastest == pytest.approx((wheel, 2.0 * wheel / 0.4))
+    for share in (0.9, 1.0):
+        straight, turn = robot.powers(share * wheel, 0.0), robot.powers(0.0, share * robot.fastest[1])
+        assert max(straight.left, straight.right, turn.right) <= 1.0 + 1e-9
+    assert robot.powers(wheel, 0.0).right == pytest.approx(1.0)
 
 
 def test_it_explores_when_it_is_told_to_and_a_hand_on_the_stick_ends_it():

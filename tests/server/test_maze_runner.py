@@ -19,6 +19,7 @@ from server.robots.maze_runner import MazeRunner, MazeRunnerParams
 from slam.evaluate import absolute_error
 from slam.laser_scan import LaserParams
 from slam.pose import compose
+from tests.server.test_formats_crazyflie import flight, write_bag
 from tests.slam.laser_world import BEARINGS, around, odometry_of, ranges_of, ring
 
 FEW = MazeRunnerParams().filter.model_copy(update={"particles": 8})
@@ -131,6 +132,13 @@ def test_scans_before_any_odometry_and_of_other_sensors_are_passed_over():
 def test_logs_that_it_cannot_map_and_what_it_cannot_do_are_told(tmp_path):
     with pytest.raises(FormatError, match="holds no ranges"):
         run(Path(__file__).parents[1] / "replay" / "lap.rlog", tmp_path / "out")
+    with pytest.raises(FormatError, match="has no laser's scans, which maze_runner maps with; leave out --robot"):
+        run(write_bag(tmp_path / "flight.bag", flight([1.0, 2.0, 3.0, 0.5])), tmp_path / "out")
+    (tmp_path / "measurement.txt").write_text("0 " + " ".join(["500"] * 8) + "\n")
+    (tmp_path / "poses.txt").write_text("0 0 0 0\n")
+    for path in (tmp_path, tmp_path / "poses.txt"):
+        with pytest.raises(FormatError, match="has no laser's scans"):
+            run(path, tmp_path / "out")
     with pytest.raises(ConfigError, match="`maze_runner` has no such thing; robots that can be simulated: crunch"):
         check_robot("maze_runner", ("crunch",), "robots that can be simulated")
 

@@ -271,7 +271,7 @@ def test_a_ring_of_another_size_than_the_boards_is_refused(recording, tmp_path):
 
 
 def test_beams_for_a_recording_are_refused(recording):
-    with pytest.raises(FormatError, match="has no laser that --beams could thin"):
+    with pytest.raises(FormatError, match="is a recording of a robot, which is replayed whole; leave out --beams"):
         open_log(recording, beams=5)
 
 
