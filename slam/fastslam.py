@@ -1,10 +1,14 @@
-"""FastSLAM on occupancy grids as Maze Runner's authors have it, literally: their algorithms (3), (4) and (5).
+"""FastSLAM on occupancy grids as Maze Runner's authors have it: their algorithms (3), (4) and (5), but for one thing.
 
 Every particle is moved at random, weighed by how its scan fits its own map, draws the scan into that map, and is drawn
 again at every step with a probability that is its weight. It is what `slam.grid_filter` is measured against. Where the
 paper leaves a step to its reference (Thrun, Burgard and Fox, Probabilistic Robotics, 2006): the measurement model is
 the likelihood field (table 6.3), and in (3) the map belongs to the particle, whose symbol the paper swaps with that of
 the weight. Its sigma mixes metres and radians, as it stands there.
+
+The one thing: in (5) a beam that met nothing, whose range is z_max, frees all cells up to there. Here ranges of z_max
+and more are infinite and tell of no cell, for a wall may be too dark to be seen (`slam.laser_scan.walls_of`), so that
+the condition z < z_max of (5) always holds.
 """
 
 from __future__ import annotations
@@ -80,7 +84,7 @@ def measurement_model(cells, x, y, resolution, pose, distances, every, sigma, ra
 
 @njit(cache=True)
 def inverse_sensor_model(u, v, pose, distances, thickness, width, occupied, free, reach):
-    """What a scan says about the cell whose centre is at (u, v): algorithm (5)."""
+    """What a scan says about the cell whose centre is at (u, v): algorithm (5), but nothing by an infinite range."""
     n = distances.size
     r = math.hypot(u - pose[0], v - pose[1])
     phi = math.atan2(v - pose[1], u - pose[0]) - pose[2]

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from slam.evaluate import absolute_error
-from slam.fastslam import FastSlam, FastSlamParams, inverse_sensor_model, measurement_model, sample_motion
+from slam.fastslam import (
+    FastSlam,
+    FastSlamParams,
+    inverse_sensor_model,
+    measurement_model,
+    occupancy_grid_mapping,
+    sample_motion,
+)
+from slam.walls import Walls
 from tests.naive import fastslam as naive
 from tests.slam.laser_world import RAYS, around, box, odometry_of, ring, seen_at
 
@@ -28,6 +36,63 @@ def test_the_inverse_sensor_model_is_algorithm_5():
         assert found == naive.inverse_sensor_model(centre, pose, bearings, distances, *args)
         told.append(found)
     assert {0.0, 0.9, -0.4} == set(told)
+
+
+def random_scan(rng, n_rays, reach):
+    """Distances (n_rays,) up to somewhat beyond the reach, and beams side by side that met nothing."""
+    distances = rng.uniform(0.2, 1.2 * reach, n_rays)
+    distances[np.repeat(rng.random(n_rays // 5) < 0.3, 5)] = np.inf
+    return distances
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_scan_is_drawn_by_algorithm_4(seed):
+    rng = np.random.default_rng(seed)
+    n_rays, reach, resolution = 90, 1.2, 0.05  # a beam each 4 degrees
+    bearings = 2.0 * np.pi * np.arange(n_rays) / n_rays
+    distances = random_scan(rng, n_rays, reach)
+    cells = rng.standard_normal((56, 61)).astype(np.float32)
+    corner = rng.uniform(-5.0, 5.0, 2)
+    pose = np.array([*(corner + rng.uniform(0.5, 2.5, 2)), rng.uniform(-np.pi, np.pi)])  # the field may be cut off
+    model = (0.1, math.radians(3.0), 0.9, -0.4, reach)
+    expected = naive.occupancy_grid_mapping(
+        cells, corner, resolution, pose,
+        lambda centre: naive.inverse_sensor_model(centre, pose, bearings, distances, *model), reach,
+    )  # fmt: skip
+    before = cells.copy()
+    occupancy_grid_mapping(cells, corner[0], corner[1], resolution, pose, distances, *model)
+    assert cells == pytest.approx(expected, abs=1e-5)
+    assert np.sum(cells > before + 0.5) > 20
+    assert np.sum(cells < before - 0.3) > 200
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_only_beams_that_met_nothing_are_not_as_the_paper_has_them(seed):
+    rng = np.random.default_rng(100 + seed)
+    params = FastSlamParams(max_range=1.2, width_deg=3.0)
+    pose = np.array([*rng.uniform(-1.0, 1.0, 2), rng.uniform(-np.pi, np.pi)])
+    distances, bearings = random_scan(rng, 90, params.max_range), 2.0 * np.pi * np.arange(90) / 90
+    path_filter = FastSlam(params, 1)
+    path_filter.extend(pose, Walls(distances, np.zeros(90)))
+    grid = path_filter.grid(0)
+    told = np.where(distances < params.max_range, distances, np.inf)
+
+    def drawn(ranges, unseen_is_free):
+        model = (params.thickness, math.radians(params.width_deg), params.occupied, params.free, params.max_range)
+        return naive.occupancy_grid_mapping(
+            np.zeros_like(grid.cells), np.array([grid.x, grid.y]), grid.resolution, pose,
+            lambda centre: naive.inverse_sensor_model(centre, pose, bearings, ranges, *model, unseen_is_free),
+            params.max_range,
+        )  # fmt: skip
+
+    assert grid.cells == pytest.approx(drawn(told, False), abs=1e-5)
+    of_the_paper = drawn(told, True)
+    only_unseen = drawn(np.where(np.isinf(told), np.inf, 0.0), True)
+    differs = np.abs(of_the_paper - grid.cells) > 1e-5
+    assert np.sum(differs) > 200
+    assert of_the_paper[differs] == pytest.approx(params.free)
+    assert not np.any(grid.cells[differs])
+    assert np.array_equal(differs, only_unseen < 0.0)
 
 
 def test_the_measurement_model_is_the_likelihood_field():

@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 from slam.evaluate import absolute_error
-from slam.grid_filter import GridFilter, GridFilterParams, draw_pose
+from slam.families import FamilyParams
+from slam.grid_filter import GridFilter, GridFilterParams, draw_pose, move_particles
+from slam.laser_maps import LaserMapParams, LaserMaps
 from slam.laser_scan import walls_of
+from slam.map_matching import LayParams
 from slam.scan_motion import OdometryNoise
 from slam.tree_map import NONE
-from tests.slam.laser_world import RAYS, SCAN, around, odometry_of, ring, seen_at
+from tests.naive import grid_filter as naive
+from tests.slam.laser_world import RAYS, SCAN, around, odometry_of, ring, scan_at, seen_at
 
 WHEELS = OdometryNoise()  # as bad as they are, without a laser's own odometry
 
@@ -63,13 +67,29 @@ def test_threads_change_nothing_and_seeds_do():
     assert first.estimate().path.tobytes() != third.estimate().path.tobytes()
 
 
-def test_memory_grows_with_the_map_and_not_with_the_particles():
-    _, odometry, scans = drive()
-    few, many = run(odometry, scans, 4), run(odometry, scans, 40)
-    assert many.resamplings > 0
-    assert many.maps.n_patches < 9 * few.maps.n_patches
-    named = np.count_nonzero(many.maps.cells.table != NONE)
-    assert many.maps.n_patches < 0.8 * named
+def patches_of(odometry, scans, particles, near):
+    """Patches of the maps, and what maps that share nothing would have; each the mean of all vertices."""
+    path_filter = GridFilter(GridFilterParams(particles=particles, families=FamilyParams(near=near)))
+    shared, whole = [], []
+    for pose, walls in zip(odometry, scans, strict=True):
+        path_filter.extend(pose, walls)
+        shared.append(path_filter.maps.n_patches)
+        whole.append(np.count_nonzero(path_filter.maps.cells.table[path_filter.homes] != NONE))
+    assert path_filter.resamplings > 0
+    return np.mean(shared), np.mean(whole)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_families_take_half_the_memory_of_single_maps_and_these_half_that_of_whole_ones(seed):
+    poses, _, scans = drive(seed=seed)
+    odometry = odometry_of(poses, np.random.default_rng(seed), 0.004, 0.01, 0.0)  # a laser's own
+    few, _ = patches_of(odometry, scans, 4, near=0.02)
+    many, whole = patches_of(odometry, scans, 40, near=0.02)
+    single, whole_single = patches_of(odometry, scans, 40, near=0.0)
+    assert many < 7.0 * few  # 4.3 to 5.8 for ten times the particles; single maps 7.9 to 8.8
+    assert many < 0.7 * single  # 0.45 to 0.57
+    assert single < 0.6 * whole_single  # 0.50 to 0.51
+    assert many < 0.35 * whole  # 0.22 to 0.28
 
 
 def test_scans_of_nothing_are_survived_on_the_odometry_alone():
@@ -94,15 +114,52 @@ def test_there_is_no_path_before_the_first_scan():
         GridFilter(GridFilterParams()).estimate()
 
 
-def test_poses_are_drawn_by_the_information_on_them():
-    root = np.array([[30.0, 0.0, 0.0], [10.0, 20.0, 0.0], [-40.0, 25.0, 90.0]])
-    hessian = root @ root.T
-    drawn = np.zeros((20_000, 3))
-    densities = [draw_pose(pose, hessian, 7, 3, particle) for particle, pose in enumerate(drawn)]
-    assert np.abs(drawn.mean(axis=0) / drawn.std(axis=0)).max() < 0.03
-    whitened = drawn @ root
-    assert np.cov(whitened.T) == pytest.approx(np.eye(3), abs=0.04)
-    assert densities == pytest.approx([0.5 * np.linalg.slogdet(hessian)[1]] * len(drawn))
+def random_information(rng):
+    """An information matrix (3, 3) as a scan has it: poses are known by centimetres and milliradians."""
+    root = np.tril(rng.uniform(-40.0, 40.0, (3, 3)), -1) + np.diag(rng.uniform(20.0, 90.0, 3))
+    return root @ root.T
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_poses_are_drawn_by_the_information_on_them(seed):
+    n = 20_000
+    hessian, middle = random_information(np.random.default_rng(seed)), np.array([1.0, -2.0, 0.3])
+    drawn = np.tile(middle, (n, 1))
+    log_roots = [draw_pose(pose, hessian, seed, 3, particle) for particle, pose in enumerate(drawn)]
+    assert log_roots == pytest.approx([0.5 * np.log(np.linalg.det(hessian))] * n)
+    variances, axes = np.linalg.eigh(np.linalg.inv(hessian))
+    whitened = (drawn - middle) @ axes / np.sqrt(variances)
+    assert np.abs(whitened.mean(axis=0)).max() < 4.0 / np.sqrt(n)
+    assert np.cov(whitened.T) == pytest.approx(np.eye(3), abs=4.0 * np.sqrt(2.0 / n))
+    for particle in range(50):
+        twin, log_root = naive.draw_pose(middle, hessian, seed, 3, particle)
+        assert drawn[particle] == pytest.approx(twin, abs=1e-9)
+        assert log_roots[particle] == pytest.approx(log_root)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_particle_is_laid_onto_its_own_map_drawn_and_weighed(seed):
+    rng, n = np.random.default_rng(seed), 8
+    maps, rule = LaserMaps(3, LaserMapParams()), LayParams().rule()
+    homes = rng.integers(0, 3, n)
+    there = np.array([1.5, 1.0, 0.1])
+    for step in range(3):
+        seen_from = there - [0.2 * (3 - step), 0.0, 0.0]
+        frames = seen_from + rng.uniform(-0.1, 0.1, (3, 3)) * [1.0, 1.0, 0.3]  # no map is like another
+        maps.draw(scan_at(seen_from, ring(), step), frames)
+    scan = scan_at(there, ring(), 50 + seed)
+    guesses = there + rng.uniform(-0.1, 0.1, (n, 3)) * [1.0, 1.0, 0.3]
+    priors = np.array([random_information(rng) for _ in range(n)])
+    poses, before = guesses.copy(), rng.standard_normal(n)
+    log_weights = before.copy()
+    first, end = int(rng.integers(0, 3)), int(rng.integers(5, n + 1))
+    move_particles(maps.cells, homes, scan, poses, priors, log_weights, rule, seed, 7, first, end)
+    for p in range(n):
+        pose, gain = guesses[p], 0.0
+        if first <= p < end:
+            pose, gain = naive.move_particle(maps.cells, homes[p], scan, pose, priors[p], rule, seed, 7, p)
+        assert poses[p] == pytest.approx(pose, abs=1e-9)
+        assert log_weights[p] == pytest.approx(before[p] + gain, abs=1e-9)
 
 
 def test_the_best_particle_is_one_that_its_map_bears_out():

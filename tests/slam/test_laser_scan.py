@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from slam.laser_scan import ScanParams, rays_of, scan_of, walls_of
+from slam.laser_scan import ScanParams, line_through, rays_of, scan_normals, scan_of, walls_of
 from slam.pose import transform
-from tests.slam.laser_world import BEARINGS, JUMP, RAYS, SCAN, blind, box, ranges_of, scan_at
+from tests.naive import laser_scan as naive
+from tests.slam.laser_world import BEARINGS, JUMP, RAYS, SCAN, blind, box, ranges_of, ring, scan_at
 
 
 def of_ranges(ranges, jump=JUMP, params=SCAN):
@@ -23,6 +24,41 @@ def test_normals_stand_across_the_walls_and_look_to_the_laser():
     assert np.all(along_axes > 0.95)
     assert np.mean(along_axes > 1.0 - 1e-9) > 0.93  # all but those with neighbours around a corner
     assert np.all(np.sum(scan.points * scan.normals, axis=1)[known] < 0.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lines_are_the_axes_of_their_points(seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(50):
+        points = rng.uniform(-5.0, 5.0, 2) + rng.uniform(0.01, 0.3, 2) * rng.standard_normal((9, 2))
+        points = points @ np.linalg.qr(rng.standard_normal((2, 2)))[0]
+        first, end = int(rng.integers(0, 4)), int(rng.integers(6, 10))
+        x, y, flatness = line_through(points, first, end)
+        normal, ratio = naive.line_through(points[first:end])
+        assert flatness == pytest.approx(ratio, abs=1e-9)
+        assert np.hypot(x, y) == pytest.approx(1.0)
+        assert abs(normal @ [x, y]) == pytest.approx(1.0, abs=1e-9 / (1.0 - ratio) ** 2)
+
+
+def random_ends(rng, n=120):
+    """Walls with gaps and noise, of no particular place, as arguments of `scan_normals`."""
+    bearings = np.sort(rng.uniform(-np.pi, np.pi, n))
+    ranges = 2.0 + np.repeat(rng.uniform(-1.0, 2.0, n // 4), 4) + rng.choice([0.003, 0.1]) * rng.standard_normal(n)
+    ways = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    return ranges[:, None] * ways, ways, ranges, rng.uniform(0.001, 0.06), rng.uniform(0.05, 0.4)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_normals_are_those_of_the_eigenvectors(seed):
+    rng = np.random.default_rng(seed)
+    scan = scan_at(rng.uniform([0.5, 0.5, -3.0], [11.0, 1.5, 3.0]), ring(), seed)
+    ways = scan.points / scan.ranges[:, None]
+    n_known = 0
+    for ends in ((scan.points, ways, scan.ranges, scan.spacing, JUMP), *(random_ends(rng) for _ in range(4))):
+        found = scan_normals(*ends)
+        assert found == pytest.approx(naive.scan_normals(*ends), abs=1e-7)
+        n_known += np.count_nonzero(np.any(found, axis=1))
+    assert 200 < n_known < 0.9 * (len(scan.points) + 4 * 120)
 
 
 def test_ends_are_where_they_were_measured_and_told_both_ways():

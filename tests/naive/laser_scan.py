@@ -1,0 +1,35 @@
+"""Lines through ends and the walls' directions at them, by eigenvectors of the ends' covariance."""
+
+import numpy as np
+
+
+def line_through(points):
+    """A normal of the line through points (n, 2), and their variance across it, of that along it."""
+    variances, axes = np.linalg.eigh(np.cov(points.T, bias=True))
+    return axes[:, 0], variances[0] / variances[1]
+
+
+def one_wall(points, i, reach):
+    """Points around the i-th, up to three on either side, as far as neighbours lie nearer than `reach`."""
+    wall = [points[i]]
+    for way in (-1, 1):
+        last = i
+        while abs(last + way - i) <= 3 and 0 <= last + way < len(points):
+            if np.linalg.norm(points[last + way] - points[last]) >= reach:
+                break
+            last += way
+            wall.append(points[last])
+    return np.array(wall)
+
+
+def scan_normals(points, ways, ranges, spacing, jump):
+    """Normals (n, 2) against the beams; zeros where fewer than three points are one wall, or they are as wide."""
+    normals = np.zeros((len(points), 2))
+    for i, (way, distance) in enumerate(zip(ways, ranges, strict=True)):
+        wall = one_wall(points, i, max(jump, 4.0 * spacing * distance))
+        if len(wall) < 3:
+            continue
+        normal, flatness = line_through(wall)
+        if flatness <= 0.1:
+            normals[i] = -normal if normal @ way > 0.0 else normal
+    return normals
