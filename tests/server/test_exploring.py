@@ -126,6 +126,11 @@ def test_health_is_not_well_while_the_laser_is_silent():
     assert all(check.ok for check in checks().values())
     served.lines[LASER].error = "no such device"
     assert checks()["laser"].detail == "no such device"
+    served.bridge.links["mouse0"] = Line("mouse:/dev/input/mouse0", lambda data: None)
+    assert checks()["mouse0"].ok
+    served.bridge.links["mouse0"].error = "unplugged"
+    assert (checks()["mouse0"].ok, checks()["mouse0"].detail) == (False, "unplugged")
+    assert "mouse1" not in checks(), "which it has not"
     status = served.bridge.status()
     status.robot.state = "fault"
     assert "motors" in {check.name for check in checks_of(status) if not check.ok}
