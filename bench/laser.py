@@ -113,7 +113,7 @@ def revisits(path_filter: RefinedGridFilter | FastSlam, path: np.ndarray) -> Rec
     if not isinstance(path_filter, RefinedGridFilter):
         return {}
     graph = ScanGraph(np.array(path_filter.odometry), path_filter.path_filter.scans, path_filter.params)
-    after, before = (graph.agreement_along(way, gap=graph.params.gap) or math.nan for way in (path, graph.odometry))
+    after, before = (graph.agreement_along(way, gap=graph.params.gap) for way in (path, graph.odometry))
     return {"again": after, "again_before": before}
 
 

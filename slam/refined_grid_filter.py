@@ -77,10 +77,34 @@ class RefinedGridFilter:
         before = self.path_filter.estimate(1).path.astype(float)
         is_fresh = not is_quick or self.correction is None
         start = before if is_fresh or self.correction is None else corrected(self.correction, before)
-        graph = ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params, self.path_filter.share)
+        graph = self.graph(self.params)
         after = self.chosen(graph, graph.refine(start, None if is_fresh else QUICK, beat), before, beat)
+        if is_fresh:
+            graph, after = self.doubted(graph, after, before, beat)
         self.correction = correction_by(graph.covariances(after), before, after)
         self.n_refined, self.is_quick = len(self.odometry), not is_fresh
+
+    def graph(self, params: ScanGraphParams) -> ScanGraph:
+        """The scans along the odometry."""
+        return ScanGraph(np.array(self.odometry), self.path_filter.scans, params, self.path_filter.share)
+
+    def doubted(
+        self, graph: ScanGraph, refined: np.ndarray, filtered: np.ndarray, beat: Beat
+    ) -> tuple[ScanGraph, np.ndarray]:
+        """Graph and path (n, 3), unless those of a worse odometry lay scans of different visits better upon each other.
+
+        Looking so wide at first would take corridors that are alike for each other. Where too few ends agree, though,
+        loops were missed: the laser saw little, and its odometry drifted farther than it does as a rule.
+        """
+        known = graph.agreement_along(refined, beat, self.params.gap)
+        if not known < self.params.doubt:
+            return graph, refined
+        dropped, wide = self.dropped, self.graph(self.params.doubting())
+        path = self.chosen(wide, wide.refine(filtered, None, beat), filtered, beat)
+        if wide.agreement_along(path, beat, self.params.gap) > known + FOLDED:
+            return wide, path
+        self.dropped = dropped
+        return graph, refined
 
     def chosen(self, graph: ScanGraph, refined: np.ndarray, filtered: np.ndarray, beat: Beat) -> np.ndarray:
         """The refined path (n, 3), unless its loops fold the map: then the odometry's, or the filter's.
@@ -92,7 +116,7 @@ class RefinedGridFilter:
         if not len(graph.loops.pairs):
             return refined
         ways = (refined, np.array(self.odometry), filtered)
-        shares = [graph.agreement_along(path, beat) for path in ways]
+        shares = np.nan_to_num([graph.agreement_along(path, beat) for path in ways])
         best = int(np.argmax(shares))
         if shares[best] - shares[0] < FOLDED:
             return refined

@@ -11,6 +11,7 @@ Rounds begin wide, for paths that are off by metres, and end narrow. Uses its si
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,6 +54,16 @@ class ScanGraphParams(Params):
     last_kernel: float = Field(default=3.0, gt=0.0)  # and in the end
     matching: ScanMatchingParams = ScanMatchingParams(enough=0.3)  # but for its gate
     agreement: AgreementParams = AgreementParams()
+    doubt: float = Field(default=0.9, ge=0.0, le=1.0)  # of ends that agree on revisits, below which loops were missed
+    bad_turn: float = Field(default=0.02, gt=0.0)  # rad that the odometry may err by then,
+    bad_distance: float = Field(default=0.03, gt=0.0)  # and m,
+    bad_overlap: float = Field(default=0.1, ge=0.0)  # where scans of few ends have less in common
+
+    def doubting(self) -> ScanGraphParams:
+        """The same for an odometry that drifts as it does where a laser sees little."""
+        agreement = self.agreement.model_copy(update={"overlap": min(self.bad_overlap, self.agreement.overlap)})
+        turn, distance = max(self.turn, self.bad_turn), max(self.distance, self.bad_distance)
+        return self.model_copy(update={"turn": turn, "distance": distance, "agreement": agreement})
 
 
 class ScanGraph:
@@ -120,14 +131,14 @@ class ScanGraph:
     def agreement_along(self, path: np.ndarray, beat: Beat = lambda: None, gap: int = 1) -> float:
         """The share of ends that agree, of those that speak, over all scans that a path (n, 3) puts near each other.
 
-        `gap` vertices at least lie between them; where there are none it is 0. `beat` is called now and then.
+        `gap` vertices at least lie between them; nan where no end speaks. `beat` is called now and then.
         """
         params = self.params
         pairs = np.empty((len(path) * WITNESSES, 2), np.int64)
         pairs = pairs[: near_pairs(path, params.last_range, WITNESSES, gap, pairs)]
         poses = between(path[pairs[:, 0]], path[pairs[:, 1]])
         agree, through = compare_pairs(self.sheaf, pairs, poses, params.agreement, self.share, beat).sum(axis=(0, 1))
-        return float(agree) / max(1, int(agree + through))
+        return float(agree / (agree + through)) if agree + through else math.nan
 
     def covariances(self, path: np.ndarray) -> Covariances:
         """How certain the poses of a path (n, 3) are that came of the last round."""

@@ -111,3 +111,18 @@ def test_loops_that_fold_the_map_are_dropped_and_told():
     graph.associate(poses, 1.0)
     assert found.chosen(graph, poses, folded, lambda: None) is poses
     assert (found.dropped, len(graph.loops.pairs)) == (0, n_loops)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_loops_beyond_the_drift_that_is_usual_are_found_where_revisits_disagree(seed):
+    poses, odometry, walls = drive(seed)
+    steady = {"turn": 1e-4, "distance": 1e-3}  # the odometry here errs by far more
+    blind, wary = (run(odometry, walls, 2, seed, **steady, doubt=doubt) for doubt in (0.0, 0.9))
+    paths = []
+    for found in (blind, wary):
+        graph = found.graph(found.params)
+        after, path = found.doubted(graph, graph.refine(odometry), odometry, lambda: None)
+        assert (after is graph) == (found is blind)
+        paths.append(path)
+    missed, closed = (absolute_error(path, poses).translation.rmse for path in paths)
+    assert closed < 0.06 < 0.3 < missed
