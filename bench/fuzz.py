@@ -21,7 +21,15 @@ from firmware.virtual.native import FIRMWARE
 from server.channels import VERBS, encode_command
 from server.errors import UserError
 from server.link import DELIMITER, encode
-from server.messages import AdjustCommand, ArmCommand, DriveCommand, PowersCommand, StopCommand
+from server.messages import (
+    AdjustCommand,
+    ArmCommand,
+    DriveCommand,
+    PowersCommand,
+    RunCommand,
+    StopCommand,
+    UploadCommand,
+)
 
 MINUTES = 10.0
 FUZZ = FIRMWARE.parent / "build" / "fuzz"
@@ -30,9 +38,12 @@ LONGEST = 512  # bytes of an input
 NOTHING = "none"  # among the findings
 LINK = ("link/frame.c", "link/cobs.c", "link/crc.c", "link/seal.c", "link/adjust.c")
 MOTOR = ("motor/command.c", "motor/loop.c", "motor/ramp.c", "motor/supervisor.c")
-TOLD = (*LINK, "drive/command.c", "drive/loop.c", "drive/supervisor.c", *MOTOR)
+CART = ("cart/command.c", "cart/log.c", "cart/loop.c", "cart/program.c", "cart/supervisor.c")
+TOLD = (*LINK, "drive/command.c", "drive/loop.c", "drive/supervisor.c", *MOTOR, *CART)
 ARMING = DELIMITER * 90  # each zero lets 5 ms pass
 POWERS = PowersCommand(0.5, -0.5, 0.3)
+RUN, UPLOAD = RunCommand(3, 7, True, 1), UploadCommand(0, 99)
+RUNNING = DELIMITER * 180  # in which the cart logs two stages
 
 
 def corpus() -> list[bytes]:
@@ -44,13 +55,15 @@ def corpus() -> list[bytes]:
     said = robot.advance(3.0).split(DELIMITER)
     kinds = {(piece[1:2], len(piece)): piece + DELIMITER for piece in said if piece}
     commands = [ArmCommand(True), DriveCommand(0.3, -0.5), StopCommand(), DriveCommand(-9.0, 9.0), ArmCommand(False)]
-    commands += [POWERS, PowersCommand(-1.0, 1.0, 1.0)]
+    commands += [POWERS, PowersCommand(-1.0, 1.0, 1.0), RUN, UPLOAD]
     commands += [AdjustCommand(board, verb, "odometry_ms", 40.0) for board in ("drive", "sensor") for verb in VERBS]
     frames = [encode_command(command, i, 0) for i, command in enumerate(commands)]
     body = struct.pack("<hhHH", 5000, -5000, 0, 0)
     endless = frames[commands.index(POWERS)]._replace(payload=body + struct.pack("<I", zlib.crc32(body)))
     encoded = [encode(frame) for frame in (*frames, endless)]
-    return [*kinds.values(), *encoded, encoded[0] + ARMING + b"".join(encoded[1:])]
+    run, upload = (encoded[commands.index(command)] for command in (RUN, UPLOAD))
+    whole = encoded[0] + ARMING + b"".join(encoded[1:])
+    return [*kinds.values(), *encoded, whole, run + RUNNING + upload + ARMING]
 
 
 def make(target: str) -> Path:

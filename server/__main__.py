@@ -78,8 +78,9 @@ Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the 
 Recordings = Annotated[Path, typer.Option(help="Folder for the session's recording.")]
 Record = Annotated[bool, typer.Option("--record/--no-record", help="Keep the bytes that came and went.")]
 Name = Annotated[str, typer.Option(help="What to call the session.", show_default="none")]
-WORLD = "A built-in world (demo, corridor50, maze:medium:3) or a file: TOML, CARMEN .map, ROS .yaml."
+WORLD = "A built-in world (demo, cut-rectangle, maze:medium:3, polygon:3) or a file: TOML, CARMEN .map, ROS .yaml."
 LASER = "The line of a laser that speaks SCIP 2.0, in the same forms."
+CART_MAP = "Where Bumper Cart drove, to be found there: a world as of simulate's --world."
 PLAN = "A built-in drive plan (demo, corridor50) or a TOML file."
 DRIFT = "How badly odometry errs: none, low, medium or high."
 MOUSE = "The line of an optical mouse on the floor, mouse:/dev/input/mouse0; repeatable."
@@ -189,6 +190,7 @@ def replay(
     preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
+    where: Annotated[str | None, typer.Option("--map", metavar="WORLD", help=CART_MAP)] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
     """Make a map from a log: recordings of crunch, logs of a laser, bags of a Crazyflie, or eight sonars (sonar8).
@@ -203,10 +205,13 @@ def replay(
         crunch replay intel.log --out intel11 --beams 11 --max-range 5
         crunch replay intel.log --out intel-laser --robot maze_runner
         crunch replay drive.rlog --out map --set crunch.filter.comparison.gap=12
+        crunch replay bumps.rlog --out where --map cut-rectangle
 
+    Bumper Cart is found on the --map, its poses then lie in the map's frame; without one it makes a map of its bumps.
     OUT then holds trajectory.tum, map.png, map.pgm with map.yaml, map.json, path.g2o, profile.csv and report.json
     (docs/outputs.md).
     """
+    from server.config import check_robot
     from server.replay import Options, open_log
     from server.replay import replay as run
 
@@ -215,6 +220,9 @@ def replay(
         log = open_log(path, beams, max_range, robot)
         name = robot or log.robot or "crunch"
         flags = settings_flags(preset, particles, name)
+        if where is not None:
+            check_robot(name, ("bumper_cart",), "robots that are found on a map")
+            flags = {**flags, name: {**flags.get(name, {}), "map": where}}
         options = Options(name, seed, threads, beams, max_range, config, flags, assignments or ())
         with progress_bar(path.name, log.n_odometry, quiet) as progress:
             report = run(path, folder, options, progress, log)
@@ -250,10 +258,12 @@ def simulate(
         crunch simulate --world floor.map --plan tour:250 --seed 7 --out tour.rlog
         crunch simulate --from-log intel.log --reference reference.tum --out semi.rlog
         crunch simulate --robot maze_runner --world maze:large:4 --plan explore --out maze.rlog
+        crunch simulate --robot bumper_cart --world cut-rectangle --plan bump --out cart.rlog
 
     With --from-log the recording is semi-real: the world is drawn from the log's laser scans, the reference path is
     driven in it, odometry is the log's own, and the sensors are the virtual robot's. Maze Runner is driven by our
-    explorer: its plans are `explore`, to where its map ends, and `wall`, along a wall until it has come around.
+    explorer: its plans are `explore`, to where its map ends, and `wall`, along a wall until it has come around. Bumper
+    Cart runs by itself, from bump to bump: `bump`.
     """
     from server.config import check_robot, load
     from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal

@@ -152,6 +152,37 @@ def motors(
     typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
 
 
+@app.command()
+def cart(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings of one bumper cart.")],
+    world: Annotated[str, typer.Option("--map", help="Where it drove: a world as of simulate's --world.")],
+    output: Annotated[Path | None, typer.Option(help="TOML file for what was learned; `--config` reads it.")] = None,
+    seed: Seed = 0,
+    config: ConfigFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Learn a bumper cart's wheelbase, tick, bumper and noise, from runs on a known map.
+
+    Prints each parameter's estimate with the interval that holds it with 90 %, and the settings for a file behind
+    --config. A map is needed: the counters alone tell neither the wheelbase nor the tick.
+
+    \b
+        crunch calibrate cart run.rlog --map room.toml
+        crunch calibrate cart monday.rlog tuesday.rlog --map room.toml --output cart.toml
+    """
+    from server.cart_calibration import calibrate
+    from server.formats.atomic import write_atomically
+    from server.replay import Options
+
+    found = calibrate(logs, world, Options("bumper_cart", seed, 1, None, None, config, {}, assignments or ()))
+    for warning in found.warnings:
+        typer.echo(f"crunch: warning: {warning}", err=True)
+    if output is not None:
+        write_atomically(output, found.toml())
+    typer.echo(aligned(found.rows()))
+    typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
+
+
 def table(found: Calibration) -> str:
     """What was learned, by parameter and by log, as text of two tables."""
     rows = [("parameter", "estimate", "95 % interval", "present", "what the logs say")]

@@ -22,6 +22,8 @@ from server.messages import (
     AdjustCommand,
     ArmCommand,
     Balance,
+    Cart,
+    CartStage,
     Command,
     DriveCommand,
     LastWords,
@@ -30,16 +32,20 @@ from server.messages import (
     Power,
     PowersCommand,
     Ranges,
+    RunCommand,
     Setting,
     Status,
     StopCommand,
+    UploadCommand,
     Wheels,
 )
+from slam.cart_odometry import Stage
 from slam.params import Params
 
 PROTOCOL_VERSION = 1
 VERSION_BYTE = bytes((PROTOCOL_VERSION,))
 HOST, DRIVE, SENSOR, MOTOR = 0, 1, 2, 3
+CART = MOTOR  # two bits name who speaks: the only board of a small robot is number 3
 SOURCES = {HOST: "host", DRIVE: "drive", SENSOR: "sensor", MOTOR: "motor"}
 DRIVERS = (DRIVE, MOTOR)  # the boards that move their robots; a robot has one of them
 STATES = ("disarmed", "armed", "fallen", "link lost", "fault")
@@ -65,6 +71,11 @@ MAX_DUTY = 127
 FULL_POWER = 10_000
 MAX_DEADLINE_MS = 1000
 MAX_MILLIVOLTS = 60_000
+DOINGS = ("stand", "drive", "back", "turn")  # of the bumper cart
+STAGE_KINDS = 3
+ALL_SWITCHES = 7
+MATCHED, COARSE = 1, 2  # bits of a run's manner
+MAX_LEASH = 255  # s
 MAX_MILLIAMPERES = 30_000
 
 
@@ -169,6 +180,27 @@ def _motors(values: tuple, t: float, _calibration: Calibration, _source: int) ->
     return [Motors(t, *powers, battery_mv * 1e-3, STATES[state], REASONS[reason], acknowledged)]
 
 
+def _is_cart(values: tuple) -> bool:
+    _, _, battery_mv, _, _, doing, bumper, _, state, reason, _ = values
+    return battery_mv <= MAX_MILLIVOLTS and doing < len(DOINGS) and bumper <= ALL_SWITCHES and _is_state(state, reason)
+
+
+def _cart(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
+    left, right, battery_mv, logged, bumps, doing, bumper, run, state, reason, acknowledged = values
+    ran = (logged, bumps, DOINGS[doing], bumper, run)
+    return [Cart(t, left, right, battery_mv * 1e-3, *ran, STATES[state], REASONS[reason], acknowledged)]
+
+
+def _is_stage(values: tuple) -> bool:
+    _, _, kind, bumper, is_kept, _, _ = values
+    return kind < STAGE_KINDS and bumper <= ALL_SWITCHES and is_kept <= 1
+
+
+def _stage(values: tuple, t: float, _calibration: Calibration, _source: int) -> list[Message]:
+    number, run, kind, bumper, is_kept, left, right = values
+    return [CartStage(t, run, number, Stage(kind, left, right, bumper), bool(is_kept))]
+
+
 def _is_sonar(values: tuple) -> bool:
     return all(echo_us <= MAX_ECHO_US or echo_us == NO_RETURN for echo_us in values)
 
@@ -209,7 +241,9 @@ def _setting(values: tuple, t: float, _: Calibration, source: int) -> list[Messa
 
 
 STATUS, ODOMETRY, BALANCE, POWER, SONAR, INFRARED, SETTING, LAST_WORDS, MOTORS = 1, 2, 3, 4, 5, 6, 7, 8, 9
+CART_STATE, STAGE = 10, 11
 DRIVE_COMMAND, STOP_COMMAND, ARM_COMMAND, ADJUST_COMMAND, POWERS_COMMAND = 16, 17, 18, 19, 20
+RUN_COMMAND, UPLOAD_COMMAND = 21, 22
 
 CHANNELS: dict[int, Channel] = {
     row.number: row
@@ -236,6 +270,8 @@ CHANNELS: dict[int, Channel] = {
             LAST_WORDS, "last_words", struct.Struct("<BBII"), (DRIVE,), lambda v: _is_state(v[0], v[1]), _last_words
         ),
         Channel(MOTORS, "motors", struct.Struct("<hhHBBB"), (MOTOR,), _is_motors, _motors),
+        Channel(CART_STATE, "cart", struct.Struct("<hhHHHBBBBBB"), (CART,), _is_cart, _cart),
+        Channel(STAGE, "stage", struct.Struct("<HBBBBhh"), (CART,), _is_stage, _stage),
         Channel(SONAR, "sonar", struct.Struct("<8H"), (SENSOR,), _is_sonar, _sonar),
         Channel(INFRARED, "infrared", struct.Struct("<8H"), (SENSOR,), lambda v: max(v) <= MAX_COUNT, _infrared),
         Channel(SETTING, "setting", struct.Struct("<BBBBBBfI"), (DRIVE, SENSOR), _is_setting, _setting),
@@ -244,6 +280,8 @@ CHANNELS: dict[int, Channel] = {
         Channel(ARM_COMMAND, "arm", struct.Struct("<HHI"), (HOST,), None, None),
         Channel(ADJUST_COMMAND, "adjust", struct.Struct("<BBBfHI"), (HOST,), None, None),
         Channel(POWERS_COMMAND, "powers", struct.Struct("<hhHHI"), (HOST,), None, None),
+        Channel(RUN_COMMAND, "run", struct.Struct("<HHBBHI"), (HOST,), None, None),
+        Channel(UPLOAD_COMMAND, "upload", struct.Struct("<HHHI"), (HOST,), None, None),
     )
 }
 
@@ -296,6 +334,12 @@ def encode_command(command: Command, sequence: int, echo_ms: int) -> Frame:
             number, body = ARM_COMMAND, struct.pack("<HH", int(armed), echo_ms)
         case PowersCommand():
             number, body = POWERS_COMMAND, pack_powers(command, echo_ms)
+        case RunCommand():
+            number, body = RUN_COMMAND, pack_run(command, echo_ms)
+        case UploadCommand(first, count):
+            if not (0 <= first <= 0xFFFF and 0 <= count <= 0xFFFF):
+                raise ValueError(f"{command} does not fit a command")
+            number, body = UPLOAD_COMMAND, struct.pack("<HHH", first, count, echo_ms)
         case AdjustCommand():
             number, body = ADJUST_COMMAND, pack_adjustment(command, echo_ms)
         case _:
@@ -320,10 +364,19 @@ def pack_powers(command: PowersCommand, echo_ms: int) -> bytes:
     return struct.pack("<hhHH", *(round(power * FULL_POWER) for power in powers), round(deadline_ms), echo_ms)
 
 
+def pack_run(command: RunCommand, echo_ms: int) -> bytes:
+    """A run's payload before its check; ValueError for numbers that the cart cannot hold."""
+    fits = 0 <= command.bumps <= 0xFFFF and 0 <= command.seed <= 0xFFFF and 0 <= command.leash <= MAX_LEASH
+    if not fits:
+        raise ValueError(f"{command} does not fit a command")
+    manner = MATCHED * command.is_matched | COARSE * command.is_coarse
+    return struct.pack("<HHBBH", command.bumps, command.seed, manner, command.leash, echo_ms)
+
+
 def addressee(command: Command) -> int:
     """The source number of the board that a command is for; a stop is for either that moves its robot."""
     match command:
-        case PowersCommand():
+        case PowersCommand() | RunCommand() | UploadCommand():
             return MOTOR
         case AdjustCommand(board=board) if board == SOURCES[SENSOR]:
             return SENSOR

@@ -32,6 +32,7 @@ from server.estimator import EstimatorParams
 from server.explorer import ExplorerParams
 from server.navigator import NavigatorParams
 from server.presets import NAMED
+from server.robots.bumper_cart import BumperCartParams
 from server.robots.crunch import CrunchParams
 from server.robots.kinds import ROBOTS
 from server.robots.maze_runner import MazeRunnerParams
@@ -61,6 +62,7 @@ class Config(BaseSettings):
     preset: Literal["default", "thesis", "paper", "beams", "crazyflie"] = "default"
     crunch: CrunchParams = CrunchParams()
     maze_runner: MazeRunnerParams = MazeRunnerParams()
+    bumper_cart: BumperCartParams = BumperCartParams()
     estimator: EstimatorParams = EstimatorParams()
     control: ControlParams = ControlParams()
     navigator: NavigatorParams = NavigatorParams()

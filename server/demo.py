@@ -13,7 +13,17 @@ from server import live
 from server.control import Control
 from server.errors import UserError
 from server.robots.kinds import LASER, ROBOTS, mouse_lines
-from server.simulate import check_mice, mendable, plan_in, with_mice, with_rule, world_and_plan
+from server.simulate import (
+    BUMPING,
+    ROOM,
+    check_mice,
+    mendable,
+    plan_in,
+    virtual_cart,
+    with_mice,
+    with_rule,
+    world_and_plan,
+)
 from server.transport import Link
 from server.virtual_link import SideLink, VirtualLink
 
@@ -38,6 +48,9 @@ def run_demo(
         options = replace(options, config=with_rule(options.config, options.robot, plan))
         options, links = virtual_maze_runner(options, world, drift, speed, mice, build)
         return live.run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
+    if ROBOTS[options.robot].bumps:
+        links = virtual_cart_line(options, world, plan, drift, speed, mice, build)
+        return live.run(options, lambda: links, control, is_virtual=True)
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it
 
     check_mice(options.robot, mice)
@@ -89,3 +102,21 @@ def virtual_maze_runner(
         ask = functools.partial(robot.take_mouse, number)
         links[link_id] = SideLink(board, f"virtual:{link_id}", lambda data: None, ask)
     return replace(options, config=with_mice(options.config, mice)), links
+
+
+def virtual_cart_line(
+    options: live.LiveOptions,
+    world: str | None,
+    plan: str | None,
+    drift: Literal["none", "low", "medium", "high"],
+    speed: float,
+    mice: int,
+    build: Literal["host", "avr"],
+) -> dict[str, Link]:
+    """The line of a virtual cart in a room; it runs once it is armed. UserError for an unknown world."""
+    check_mice(options.robot, mice)
+    if plan not in (None, BUMPING):
+        raise UserError(f"--plan {plan}: {options.robot} drives by none but {BUMPING}")
+    with mendable():
+        cart = virtual_cart(world, options.config, options.seed, drift, build)
+    return {"link0": VirtualLink(cart, f"virtual:{world or ROOM}", speed)}

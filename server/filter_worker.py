@@ -18,7 +18,6 @@ from server.messages import Estimate, Keyframe
 from slam.refined_filter import RefinedFilter
 from slam.refined_grid_filter import RefinedGridFilter
 from slam.uncertainty import Uncertainty
-from slam.walls import Walls
 
 IDLE_BEAT = 0.2  # s between two beats of a worker without work
 BRANCHES = 64  # particles whose ways through the tree are shown
@@ -33,8 +32,8 @@ class PathFilterLike(Protocol):
         """How many particles there are now."""
         ...
 
-    def extend(self, pose: np.ndarray, walls: Walls, travelled: float) -> None:
-        """Add a vertex: pose (3,) in the odometry frame, the walls seen there, m of path since the last one."""
+    def extend(self, pose: np.ndarray, seen: Any, travelled: float, /) -> None:
+        """Add a vertex: pose (3,) in the odometry frame, what was seen there, m of path since the last one."""
         ...
 
     def estimate(self, max_particles: int = 500) -> Any:

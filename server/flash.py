@@ -34,11 +34,12 @@ class Imu(StrEnum):
 
 
 class Board(StrEnum):
-    """Crunch's two, and Maze Runner's."""
+    """Crunch's two, Maze Runner's, and Bumper Cart's."""
 
     DRIVE = "drive"
     SENSOR = "sensor"
     MOTOR = "motor"
+    CART = "cart"
 
 
 Parts = Annotated[Imu, typer.Option("--imu", help="The drive board's gyro and accelerometer.")]

@@ -1,8 +1,8 @@
 """What becomes of a robot's keyframes in a batch: from a log's drive to a path, robot by robot.
 
 A mapper has a robot, feeds the estimator, and concludes. Crunch's refines, bundles single echoes or begins again with
-other seeds; Maze Runner's closes the loops of its scans. Uses its sibling `recorded` for checking sensors, and
-`restarts`.
+other seeds; Maze Runner's closes the loops of its scans; Bumper Cart's finds it on a map, or makes one of bumps. Uses
+its sibling `recorded` for checking sensors, and `restarts`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,15 @@ import numpy as np
 
 from server.formats.laser import SENSOR
 from server.formats.logs import Log
+from server.maps import FloorMap, swept_map
 from server.messages import Keyframe, Message, Motors, Odometry, Ranges
 from server.recorded import check_rings
 from server.restarts import decided
-from server.robots import crunch, maze_runner
+from server.robots import bumper_cart, crunch, maze_runner
+from server.robots.bumper_cart import BumperCart, BumperCartParams, CartBuild
 from server.robots.crunch import Crunch, CrunchParams
 from server.robots.maze_runner import MazeRunner, MazeRunnerParams
+from slam.bump_estimator import LocalizedCart
 from slam.bundle import bundle
 from slam.bundled_islands import best_bundled
 from slam.echoes import Echoes, EchoLog
@@ -35,7 +38,7 @@ from slam.trajectory import correct
 from slam.uncertainty import Uncertainty
 from slam.walls import Walls
 
-RobotParams = CrunchParams | MazeRunnerParams
+RobotParams = CrunchParams | MazeRunnerParams | BumperCartParams
 Told = Callable[[float], None]  # hears which share of the log was gone through once more
 
 
@@ -57,7 +60,7 @@ class Drive:
 class Conclusion(NamedTuple):
     """The last estimate, a corrected pose (n, 3) per odometry reading, the vertices' uncertainty, and the verdict.
 
-    `warnings` are for people.
+    `warnings` are for people; where there is a `floor`, it is the map, else that is drawn from what the vertices saw.
     """
 
     estimate: PathEstimate
@@ -65,6 +68,7 @@ class Conclusion(NamedTuple):
     uncertainty: Uncertainty
     verdict: Verdict
     warnings: tuple[str, ...] = ()
+    floor: FloorMap | None = None
 
 
 class Mapper(Protocol):
@@ -186,6 +190,61 @@ class MazeMapper:
             self.extend(keyframe)
 
 
+class CartMapper:
+    """Feeds a cart's bumps to the estimator that its settings choose."""
+
+    def __init__(self, params: BumperCartParams, seed: int, threads: int):
+        self.robot = BumperCart(params)
+        self.path_filter = bumper_cart.make_estimator(params, seed, threads)
+
+    def note(self, row: int, message: Message) -> None:
+        """Nothing more is needed than vertices."""
+
+    def extend(self, keyframe: Keyframe) -> None:
+        """Add a vertex."""
+        self.path_filter.extend(keyframe.pose, keyframe.walls, keyframe.travelled)
+
+    def conclude(self, drive: Drive, told: Told) -> Conclusion:
+        """Refine the map, if it is one of its own; between bumps the odometry leads."""
+        self.path_filter.conclude()
+        estimate = self.path_filter.estimate()
+        trajectory = correct(drive.odometry, drive.rows, estimate.path.astype(float))
+        walls = self.walls()
+        grid = swept_map(trajectory, walls, self.robot.cart.bumper_width, self.robot.cart.bumper_ahead)
+        floor = FloorMap(estimate.path, walls, len(estimate.path), grid, (trajectory, trajectory[-1:]))
+        return Conclusion(
+            estimate, trajectory, self.path_filter.uncertainty(1), Verdict(), tuple(self.warnings()), floor
+        )
+
+    def walls(self) -> list[np.ndarray]:
+        """Curves (k, 2) of the known map, or of the one that was made."""
+        if isinstance(self.path_filter, LocalizedCart):
+            walls = self.path_filter.localizer.area.walls
+            return [np.array([[x0, y0], [x1, y1]]) for x0, y0, x1, y1 in walls]
+        return self.path_filter.belief().walls
+
+    def warnings(self) -> list[str]:
+        """What a person should know."""
+        found = []
+        truant = sum(run.truant for run in self.robot.runs)
+        if truant:
+            found.append(f"{truant} stages of the run were lost on the way and in the robot's own log")
+        belief = self.path_filter.belief()
+        if belief.is_localized is False:
+            shares = ", ".join(f"{100.0 * cluster.share:.0f} %" for cluster in belief.clusters[:4]) or "nowhere"
+            found.append(
+                f"the cart is not localized: it may be in {len(belief.clusters)} places of the map ({shares}); more "
+                "bumps may tell, unless the map looks alike from them"
+            )
+        return found
+
+    def prepare(self, drive: Drive) -> None:
+        """Compile or load every kernel, given the drive of a rehearsal."""
+        for keyframe in drive.keyframes:
+            self.extend(keyframe)
+        self.path_filter.conclude()
+
+
 def row_at(times: list[float], t: float) -> int:
     """The newest row of the odometry that is not younger than what was seen at time t; the first where all are."""
     row = len(times) - 1
@@ -198,6 +257,8 @@ def mapper_of(params: RobotParams, seed: int = 0, threads: int = 1) -> Mapper:
     """The mapper of the robot whose parameters these are."""
     if isinstance(params, MazeRunnerParams):
         return MazeMapper(params, seed, threads)
+    if isinstance(params, BumperCartParams):
+        return CartMapper(params, seed, threads)
     return CrunchMapper(params, seed, threads)
 
 
@@ -212,6 +273,8 @@ def bundled(drive: Drive, echoes: Echoes, path: np.ndarray, params: CrunchParams
 
 def with_sensors(params: Any, log: Log) -> Any:
     """The robot with the senses that the log was made with; ConfigError where the robot's own do not fit it."""
+    if isinstance(params, BumperCartParams):
+        return params.model_copy(update={"build": CartBuild.of(log.cart)}) if log.cart else params
     if isinstance(params, MazeRunnerParams):
         return params.model_copy(update={"laser": log.laser, "laser_delay": 0.0}) if log.laser else params
     if log.sensors:
@@ -224,6 +287,8 @@ def senses_of(params: RobotParams) -> dict[str, tuple[int, float]]:
     """How many ranges each of the robot's sensors gives, and how far it sees."""
     if isinstance(params, MazeRunnerParams):
         return {SENSOR: (params.laser.beams, params.laser.max_range)}
+    if isinstance(params, BumperCartParams):
+        return {}
     return {name: (len(ring.bearings_deg), ring.max_range) for name, ring in params.sensors.items()}
 
 
@@ -231,4 +296,6 @@ def odometry_noise(params: RobotParams) -> tuple[float, float]:
     """Of the odometry that keyframes come with: rad and m per root metre."""
     if isinstance(params, MazeRunnerParams):
         return params.filter.odometry.turn, params.filter.odometry.distance
+    if isinstance(params, BumperCartParams):
+        return params.build.params.turn_noise, params.build.params.distance_noise
     return params.filter.motion.turn_noise, params.filter.motion.distance_noise

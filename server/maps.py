@@ -21,6 +21,7 @@ from slam.walls import Walls, curves
 RESOLUTION = 0.05  # m per cell, where the grid stays within MAX_CELLS
 MAX_CELLS = 4000  # along either side of a grid; one jump of the odometry may stretch a map over kilometres
 TRAIL_POINTS = 20_000  # of a drawn trajectory
+FINE = 0.01  # m per cell of what a small robot swept
 TREMBLING = 0.02  # m that a path may be off when its length is told
 MARGIN = 0.5  # m of unknown around what was seen
 OCCUPIED_SHARE = (
@@ -137,3 +138,32 @@ def trail_of(trajectory: np.ndarray, rows: np.ndarray, settled: int) -> tuple[np
     joint = int(rows[min(settled, len(rows)) - 1]) if settled else 0
     step = max(1, len(trajectory) // TRAIL_POINTS)
     return trajectory[: joint + 1 : step], np.concatenate([trajectory[joint::step], trajectory[-1:]])
+
+
+def swept_map(trajectory: np.ndarray, walls: list[np.ndarray], width: float, ahead: float) -> OccupancyMap:
+    """Cells that a robot's body swept on its way are free, those on walls are not, of others nothing is known.
+
+    The way is poses (n, 3), walls are curves (k, 2), the body is `width` m wide and reaches `ahead` m forward.
+    """
+    points = np.concatenate([trajectory[:, :2], *walls])
+    low = np.floor((points.min(axis=0) - MARGIN) / FINE) * FINE
+    columns, rows = np.ceil((points.max(axis=0) + MARGIN - low) / FINE).astype(int)
+    cells = np.full((rows, columns), UNKNOWN, np.int8)
+    half = 0.5 * width
+    sides = (np.arange(start, end, 0.5 * FINE) for start, end in ((0.0, ahead), (-half, half)))
+    body = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(trajectory[:, :2], axis=0).T))])
+    turn = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(trajectory[:, 2])))])
+    steps = np.floor((way + ahead * turn) / FINE)
+    for pose in trajectory[np.unique(steps, return_index=True)[1]]:
+        mark(cells, low, transform(pose, body), FREE)
+    for wall in walls:
+        mark(cells, low, densify(wall, 0.5 * FINE), OCCUPIED)
+    return OccupancyMap(cells, FINE, (float(low[0]), float(low[1]), 0.0))
+
+
+def mark(cells: np.ndarray, low: np.ndarray, points: np.ndarray, value: int) -> None:
+    """Set the cells of points (n, 2) that lie in the grid."""
+    columns, rows = ((points - low) / FINE).astype(int).T
+    inside = (rows >= 0) & (columns >= 0) & (rows < cells.shape[0]) & (columns < cells.shape[1])
+    cells[rows[inside], columns[inside]] = value

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from slam.cart_odometry import Stage
 from slam.uncertainty import Branches
 from slam.walls import Walls
 
@@ -84,6 +85,43 @@ class Motors:
     state: str
     reason: str
     acknowledged: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cart:
+    """How the bumper cart does: its counters (ticks, which wrap at 65,536), battery (V), what it is doing, and why it
+    stood last.
+
+    `logged` stages and `bumps` are of the run, which is the board's `run`-th since it was switched on, modulo 256;
+    `bumper` has the bits of `slam.cart_odometry`.
+    """
+
+    t: float
+    left: int
+    right: int
+    battery_volts: float
+    logged: int
+    bumps: int
+    doing: str
+    bumper: int
+    run: int
+    state: str
+    reason: str
+    acknowledged: int
+
+
+@dataclass(frozen=True, slots=True)
+class CartStage:
+    """A stage that the bumper cart logged, by its number in a run; `is_kept` where it was told again from the log.
+
+    The time is when it was told: of a stage that was not told again that is when it ended.
+    """
+
+    t: float
+    run: int
+    number: int
+    stage: Stage
+    is_kept: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +300,29 @@ class PowersCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class RunCommand:
+    """Let the bumper cart begin a run of so many bumps (0: until it is stopped), its turns drawn from `seed` (16 bits).
+
+    `is_matched` keeps both wheels at the same count, `is_coarse` by eight powers only. It stops by itself when it has
+    heard no command for `leash` (whole seconds to 255; 0: it needs no host).
+    """
+
+    bumps: int = 0
+    seed: int = 1
+    is_matched: bool = False
+    leash: int = 0
+    is_coarse: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class UploadCommand:
+    """Ask the bumper cart for so many stages of its run's log, from a number on; a command that a leash hears."""
+
+    first: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class AdjustCommand:
     """Ask a board for a setting or set it, store all of them, take the built-in ones, zero the gyro: see `channels`."""
 
@@ -275,13 +336,14 @@ class AdjustCommand:
 class Keyframe:
     """Effect: a vertex for the estimator.
 
-    `pose` (3,) in the odometry frame, `walls` what was seen there, `travelled` m of path since the vertex before.
+    `pose` (3,) in the odometry frame, `walls` what was seen there, or felt: the bumper cart's are the stages since the
+    vertex before. `travelled` m of path since then.
     """
 
     t: float
     index: int
     pose: np.ndarray
-    walls: Walls
+    walls: Any  # Walls, or (Stage, ...)
     travelled: float
 
 
@@ -325,6 +387,7 @@ class Snapshot:
     looked: float = -math.inf  # s, when the newest sweep came; what is older than a moment is nothing to drive by
     power: Power | None = None
     motors: Motors | None = None
+    cart: Cart | None = None
     mice: MiceHealth | None = None  # where the odometry is theirs
     battery_limits: tuple[float, float] = (26.4, 24.0)  # V from which down it is low, and empty
     fastest: tuple[float, float] = (math.inf, math.inf)  # m/s and rad/s that the robot goes at most
@@ -344,6 +407,8 @@ Message = (
     | Balance
     | Power
     | Motors
+    | Cart
+    | CartStage
     | MouseCounts
     | Status
     | LastWords
@@ -354,8 +419,8 @@ Message = (
     | Arm
     | Estimate
 )
-Command = DriveCommand | StopCommand | ArmCommand | PowersCommand | AdjustCommand
-Effect = DriveCommand | StopCommand | ArmCommand | PowersCommand | Keyframe
+Command = DriveCommand | StopCommand | ArmCommand | PowersCommand | RunCommand | UploadCommand | AdjustCommand
+Effect = DriveCommand | StopCommand | ArmCommand | PowersCommand | RunCommand | UploadCommand | Keyframe
 
 
 def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:

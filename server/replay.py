@@ -17,16 +17,28 @@ import numpy as np
 
 from server import config, map_files, map_picture, maps
 from server.formats.atomic import make_directory, write_atomically
+from server.formats.cart_log import cart_messages
 from server.formats.errors import FormatError
 from server.formats.g2o import format_g2o
 from server.formats.logs import Log
 from server.formats.ros_map import write_ros_map
 from server.formats.sparse import BEAM_MAX_RANGE
 from server.formats.tum import format_tum
-from server.mapping import Drive, Mapper, RobotParams, mapper_of, odometry_noise, row_at, senses_of, with_sensors
-from server.messages import Keyframe, Message, Motors, Odometry, Ranges, Wheels
+from server.mapping import (
+    Drive,
+    Mapper,
+    RobotParams,
+    mapper_of,
+    odometry_noise,
+    row_at,
+    senses_of,
+    with_sensors,
+)
+from server.messages import Cart, CartStage, Keyframe, Message, Motors, Odometry, Ranges, Wheels
 from server.recorded import open_log
 from server.report import Certainty, Choice, Report, describe_machine, peak_rss_mb
+from server.robots.bumper_cart import BumperCartParams
+from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, Stage
 from slam.hypotheses import Verdict
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
@@ -56,7 +68,8 @@ class Options:
 class Result:
     """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds.
 
-    `uncertainty` is of the vertices, `verdict` on whether another path explains as much, `warnings` are for people.
+    `uncertainty` is of the vertices, `verdict` on whether another path explains as much, `warnings` are for people;
+    where there is a `floor`, it is the map.
     """
 
     drive: Drive
@@ -66,6 +79,7 @@ class Result:
     uncertainty: Uncertainty
     verdict: Verdict
     warnings: tuple[str, ...] = ()
+    floor: maps.FloorMap | None = None
 
     @property
     def path(self) -> np.ndarray:
@@ -101,7 +115,7 @@ def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Re
 
     drive = fold(log, mapper.robot, extend, progress, mapper.note)
     before = time.perf_counter()
-    estimate, trajectory, uncertainty, verdict, warnings = mapper.conclude(drive, told)
+    estimate, trajectory, uncertainty, verdict, warnings, floor = mapper.conclude(drive, told)
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
@@ -111,7 +125,7 @@ def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Re
         "refinement": ended - before,
         "total": ended - started,
     }
-    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict, warnings)
+    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict, warnings, floor)
 
 
 def fold(
@@ -128,14 +142,14 @@ def fold(
     has_ranges, sensors = False, senses_of(robot.params)
     for message in log.messages(robot.calibration):
         effects = robot.step(message)
-        if isinstance(message, (Odometry, Wheels, Motors)):
+        if isinstance(message, (Odometry, Wheels, Motors, Cart)):
             times.append(message.t)
             poses.append(robot.odometry)
             if progress and len(times) % PROGRESS_STEP == 0:
                 progress(len(times))
+        has_ranges = has_ranges or isinstance(message, CartStage)
         has_ranges = has_ranges or (isinstance(message, Ranges) and message.sensor in sensors)
-        if len(robot.vertices) > len(rows):  # its keyframe may come later, when both sides of it were seen
-            rows.append(row_at(times, robot.times[-1]))
+        rows.extend(row_at(times, t) for t in robot.times[len(rows) :])  # their keyframes may come later
         if note:
             note(len(times) - 1, message)
         for effect in effects:
@@ -167,6 +181,8 @@ def warm_up(params: RobotParams, threads: int) -> None:
 
 def rehearsal(params: RobotParams) -> Log:
     """A log of a few steps there and back, in which all sensors see walls; the last are nearer, as if it were lost."""
+    if isinstance(params, BumperCartParams):
+        return Log(Path("rehearsal"), "rehearsal", "", lambda _: iter(bumps_there_and_back()), None, n_odometry=8)
     sensors = senses_of(params)
     messages: list[Message] = []
     for step in range(8):
@@ -175,6 +191,12 @@ def rehearsal(params: RobotParams) -> Log:
         for name, (n_ranges, max_range) in sensors.items():
             messages.append(Ranges(float(step), name, np.full(n_ranges, near * max_range)))
     return Log(Path("rehearsal"), "rehearsal", "", lambda _: iter(messages), None, n_odometry=8)
+
+
+def bumps_there_and_back() -> list[Message]:
+    """A run of a few bumps."""
+    stages = [Stage(DRIVE, 300, 300, MIDDLE), Stage(BACK, -40, -40), Stage(TURN, 60, -60)] * 4
+    return list(cart_messages(stages, np.arange(1.0, 1.0 + len(stages))))
 
 
 def replay(path: Path, out: Path, options: Options, progress: Progress | None = None, log: Log | None = None) -> Report:
@@ -199,6 +221,8 @@ def replay(path: Path, out: Path, options: Options, progress: Progress | None = 
 
 def floor_of(result: Result) -> maps.FloorMap:
     """The map of a run, with the whole trajectory to be drawn."""
+    if result.floor is not None:
+        return result.floor
     drive, estimate = result.drive, result.estimate
     floor = maps.floor_map(estimate.path, drive.walls, int(estimate.fixed_depth))
     trail = maps.trail_of(result.trajectory, drive.rows, floor.settled)

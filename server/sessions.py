@@ -124,7 +124,7 @@ class Sessions:
         estimator = WorkerEstimator(
             functools.partial(kind.make_estimator, params, self.seed, self.threads),
             self.bridge.believe,
-            params.filter.particles,
+            1 if kind.bumps else params.filter.particles,  # a cart's estimators take as many as they need
             config.estimator,
         )
         session = session_of(self.robot, folded, params, recorder)

@@ -2,12 +2,13 @@
 
 The virtual robot is met through its bytes alone: what it sends goes into an ordinary recording, to be replayed like any
 other. Its own true poses become `LOG.truth.tum`. Crunch drives a plan by itself; Maze Runner knows of no plan, so that
-our own explorer drives it, from the host's side (`headless`, a sibling).
+our own explorer drives it, from the host's side (`headless`, a sibling). Bumper Cart is told to run, and does the rest.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import os
 import tempfile
@@ -29,6 +30,7 @@ from firmware.virtual import (
     load_world,
     tour,
 )
+from firmware.virtual.bumper_cart import CartBuild, VirtualCart
 from firmware.virtual.mice import PLACES
 from firmware.virtual.plans import BUILT_IN as PLANS
 from firmware.virtual.scripted import ScriptedCrunch
@@ -41,9 +43,13 @@ from server.formats.laser import LaserLog
 from server.formats.tum import read_tum, write_tum
 from server.headless import BOARD, Headless
 from server.maps import path_length
+from server.messages import Arm, Effect, Keyframe, Stop
 from server.recording import Header, Kind, LinkName, Recorder
 from server.report import version
+from server.robots.bumper_cart import BumperCart
 from server.robots.kinds import LASER, ROBOTS, mouse_lines
+from server.session import Session, session_of
+from slam.cart_odometry import DRIVE
 from slam.pose import compose
 from slam.timeline import associate
 
@@ -55,11 +61,15 @@ SCAN_REACH = 8.0  # m of a laser that draw the world; farther hits are smeared b
 LINK = "virtual"
 RULES = {"explore": "frontiers", "frontiers": "frontiers", "wall": "wall"}  # plans of one that explores
 EXPLORING = 900.0  # s after which it is given up
+BUMPING = "bump"  # the plan of one that bumps
+ROOM = "cut-rectangle"
+RUNNING = 600.0  # s, of one whose run has no end
+FIRST_WORD = 0.5  # s in which a board has spoken, so that it may be told something
 TOUR = "tour"
 TOUR_LENGTH = 100.0  # m
 
 Progress = Callable[[int], None]
-Robot = VirtualCrunch | ScriptedCrunch | VirtualMazeRunner
+Robot = VirtualCrunch | ScriptedCrunch | VirtualMazeRunner | VirtualCart
 
 
 class Simulation(NamedTuple):
@@ -93,6 +103,8 @@ class Semireal(NamedTuple):
 def simulate_drive(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
     """Record a drive; one line about it. UserError where world, plan or place cannot be used."""
     check_mice(simulation.robot, simulation.mice)
+    if ROBOTS[simulation.robot].bumps:
+        return simulate_bumping(simulation, settings, progress)
     if ROBOTS[simulation.robot].explores:
         return simulate_exploring(simulation, settings, progress)
     with mendable():
@@ -126,6 +138,62 @@ def simulate_exploring(simulation: Simulation, settings: Config, progress: Progr
     abandoned = loop.explorer.progress.abandoned
     given_up = f", {abandoned} frontiers given up" if abandoned else ""
     return describe(robot, robot.time) + f", {robot.body.bumps} walls touched{given_up}" + state
+
+
+def simulate_bumping(simulation: Simulation, settings: Config, progress: Progress | None = None) -> str:
+    """Record a cart's run from bump to bump; one line about it. Where the world is not named it is `ROOM`.
+
+    It begins anywhere, by its seed, which is added to that of the settings for its turns.
+    """
+    if simulation.plan not in (None, BUMPING):
+        raise UserError(f"--plan {simulation.plan}: {simulation.robot} drives by none but {BUMPING}")
+    params = settings.bumper_cart
+    with mendable():
+        cart = virtual_cart(simulation.world, settings, simulation.seed, simulation.drift, simulation.build)
+    longest = simulation.duration or RUNNING
+    seed = (params.run.seed + simulation.seed) % 65_536
+    robot = BumperCart(params.model_copy(update={"run": params.run.model_copy(update={"seed": seed})}))
+    with recording(simulation.robot, simulation.out, settings, (LINK,), simulation.seed) as recorder:
+        session = session_of(simulation.robot, robot, params, recorder)
+        heard = functools.partial(hear_cart, session, cart)
+        heard(FIRST_WORD)
+        answer(session, cart, session.command(Arm(0.0, True), cart.time))
+        while cart.time < longest - 1e-9 and (robot.now is None or robot.now.reason == "boot" or is_running(robot)):
+            heard(CHUNK)
+            if progress:
+                progress(round(100.0 * cart.time / longest))
+        answer(session, cart, session.command(Stop(0.0), cart.time))
+        heard(REST)
+    write_tum(simulation.out.with_name(simulation.out.name + ".truth.tum"), *cart.truth())
+    bumps = sum(stage.kind == DRIVE and stage.bumper != 0 for stage in robot.stages)
+    return f"{describe(cart, cart.time)}, {len(robot.stages)} stages, {bumps} bumps"
+
+
+def virtual_cart(world: str | None, settings: Config, seed: int, drift: Drift, build: Build) -> VirtualCart:
+    """A cart somewhere in a world, with as many switches as the settings tell. ValueError where it cannot be used."""
+    made = CartBuild(switches=settings.bumper_cart.build.switches, drift=drift)
+    return VirtualCart(load_world(world or ROOM), None, seed, made, board=build)
+
+
+def is_running(robot: BumperCart) -> bool:
+    """Whether the cart's own program drives it."""
+    return robot.now is not None and robot.now.state == "armed"
+
+
+def hear_cart(session: Session, cart: VirtualCart, seconds: float) -> None:
+    """Let time pass; what follows from what the cart says is told to it."""
+    until = cart.time + seconds
+    while cart.time < until - 1e-9:
+        data = cart.advance(min(CHUNK, until - cart.time))
+        if data:
+            answer(session, cart, session.receive(LINK, data, cart.time))
+
+
+def answer(session: Session, cart: VirtualCart, effects: list[Effect]) -> None:
+    """Send what the host's side of a robot decided; of its vertices nothing is made here."""
+    for effect in effects:
+        if not isinstance(effect, Keyframe):
+            cart.write(session.encode(effect))
 
 
 def with_rule(settings: Config, robot: str, plan: str | None) -> Config:

@@ -57,7 +57,7 @@ def link_status(session: Session, links: Mapping[str, Link], is_connected: bool,
 
 def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> RobotStatus:
     """The boards' own words, and which topics there are."""
-    motors, power = snapshot.motors, snapshot.power
+    motors, power = snapshot.motors or snapshot.cart, snapshot.power
     drive = snapshot.balance or motors or snapshot.boards.get("drive") or snapshot.boards.get("motor")
     low, empty = snapshot.battery_limits
     x, y, theta = rounded(snapshot.pose)
@@ -72,7 +72,7 @@ def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> Rob
         charger_volts=power.charger_volts if power else None,
         charger_amperes=power.charger_amperes if power else None,
         motor_amperes=(power.left_motor_amperes, power.right_motor_amperes) if power else None,
-        powers=(round(motors.left, 4), round(motors.right, 4)) if motors else None,
+        powers=(round(snapshot.motors.left, 4), round(snapshot.motors.right, 4)) if snapshot.motors else None,
         mice=dataclasses.asdict(snapshot.mice) if snapshot.mice else None,
         tilt_rad=finite(snapshot.tilt),
         pose=(x, y, theta),

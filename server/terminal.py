@@ -23,8 +23,10 @@ Drift = Literal["none", "low", "medium", "high"]
 DRIFTS = ("none", "low", "medium", "high")
 Build = Literal["host", "avr"]  # of the virtual robot's boards
 
-Robot = Annotated[str | None, typer.Option(help="Which robot: crunch or maze_runner.", show_default="the log's own")]
-OneRobot = Annotated[str, typer.Option(help="Which robot: crunch or maze_runner.")]
+Robot = Annotated[
+    str | None, typer.Option(help="Which robot: crunch, maze_runner or bumper_cart.", show_default="the log's own")
+]
+OneRobot = Annotated[str, typer.Option(help="Which robot: crunch, maze_runner or bumper_cart.")]
 Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Same seed, same log: the same bytes come out.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the filter.", show_default="all cores")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="Settings (TOML), as in config.toml.")]

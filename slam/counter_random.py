@@ -46,7 +46,7 @@ def bits(seed, vertex, particle, stream):
 @njit(cache=True)
 def uniform(seed, vertex, particle, stream):
     """Uniform number in [0, 1), a multiple of 2^-53."""
-    return np.float64(bits(seed, vertex, particle, stream) >> SHIFT_11) * 2.0**-53
+    return uniform_of(vertex_key(seed, vertex), particle, stream)
 
 
 @njit(cache=True)
@@ -61,6 +61,12 @@ def gaussian_of(key, particle, stream):
     # Midpoints of 2^52 intervals: exact in a double, symmetric about 1/2, and never 0 or 1.
     drawn = nth_output(nth_output(key, particle), stream) >> SHIFT_12
     return normal_quantile((np.float64(drawn) + 0.5) * 2.0**-52)
+
+
+@njit(cache=True)
+def uniform_of(key, particle, stream):
+    """Uniform number in [0, 1) from a vertex's key."""
+    return np.float64(nth_output(nth_output(key, particle), stream) >> SHIFT_11) * 2.0**-53
 
 
 @njit(cache=True)

@@ -6,11 +6,12 @@
  *  - a frame that is accepted is the one that encodes to these very bytes;
  *  - a command that is obeyed comes from the host, ends in the CRC-32 of what is before it (worked out here by another
  *    way than the board's), and carries a fresh echo unless it stops or disarms;
- *  - wishes, duties and powers stay in their limits, and without balancing, or being driven, the motors are off;
+ *  - wishes, duties and powers stay in their limits, and without balancing, being driven, or running, the motors are off;
  *  - no power rises faster than its ramp;
  *  - what the boards say are good frames of their own.
  */
 #include "../link/seal.h"
+#include "../cart/loop.h"
 #include "../drive/loop.h"
 #include "../motor/loop.h"
 #include "../sensor/loop.h"
@@ -25,8 +26,9 @@
 #define MIDDLE (512 * TILT_OVERSAMPLING)
 #define MAX_SPEED 0.6f
 #define MAX_TURN 3.0f
-#define BOARDS 3
+#define BOARDS 4
 #define FULL_BATTERY 3222 /* a sum of the converter's: 12.6 V */
+#define BUMP_MS 40        /* the cart's wheels turn by a tick each 4 ms, and it bumps when it has driven for so long */
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
@@ -34,6 +36,8 @@ struct boards {
     struct drive_loop drive;
     struct sensor_loop sensor;
     struct motor_loop motor;
+    struct cart_loop cart;
+    struct cart_sensed sensed; /* by the cart */
     struct outbox outboxes[BOARDS];
     uint8_t rooms[BOARDS][OUTBOX_BYTES];
     struct frame_decoder decoder; /* hears what they hear */
@@ -82,6 +86,28 @@ static void pass_motors_ms(struct motor_loop *motor)
     insist(motor->supervisor.state <= DRIVE_FAULT);
 }
 
+/* The cart's wheels do what they are told, and a wall is never far. */
+static void pass_cart_ms(struct boards *boards)
+{
+    struct cart_loop *cart = &boards->cart;
+    const struct ramp before[2] = {cart->ramps[0], cart->ramps[1]};
+    cart->teller.uptime_ms++;
+    cart_loop_battery(cart, FULL_BATTERY);
+    for (int side = 0; side < 2 && cart->teller.uptime_ms % 4 == 0; side++)
+        if (before[side].power != 0)
+            boards->sensed.ticks[side] = (uint16_t)(boards->sensed.ticks[side] + (before[side].power > 0 ? 1 : -1));
+    const bool has_driven = cart->program.state == CART_DRIVE && cart->program.stage_ms > BUMP_MS;
+    boards->sensed.bumper = has_driven && !cart->program.is_resting ? CART_MIDDLE : 0;
+    cart_loop_tick(cart, &boards->sensed);
+    for (int side = 0; side < 2; side++) {
+        const int power = cart->ramps[side].power;
+        insist(abs(power) <= MOTOR_FULL_POWER && abs(power) <= abs(before[side].power) + RAMP_RISE);
+        insist(power == 0 || cart->supervisor.state == DRIVE_ARMED);
+    }
+    insist(cart->supervisor.state <= DRIVE_FAULT && cart->program.state <= CART_TURN);
+    insist(cart->upload_end <= cart->log.count);
+}
+
 static void pass_time(struct boards *boards)
 {
     struct drive_loop *drive = &boards->drive;
@@ -96,6 +122,7 @@ static void pass_time(struct boards *boards)
         boards->sensor.teller.uptime_ms++;
         sensor_loop_tick(&boards->sensor);
         pass_motors_ms(&boards->motor);
+        pass_cart_ms(boards);
     }
     const bool is_off = drive->duties.left == 0.0f && drive->duties.right == 0.0f;
     insist(is_within(drive->duties.left, 1.0f) && is_within(drive->duties.right, 1.0f));
@@ -105,6 +132,7 @@ static void pass_time(struct boards *boards)
     hear(&boards->outboxes[0], SOURCE_DRIVE);
     hear(&boards->outboxes[1], SOURCE_SENSOR);
     hear(&boards->outboxes[2], SOURCE_MOTOR);
+    hear(&boards->outboxes[3], SOURCE_CART);
 }
 
 static void start(struct boards *boards)
@@ -116,10 +144,11 @@ static void start(struct boards *boards)
     drive_loop_init(&boards->drive, &boot, &boards->outboxes[0]);
     sensor_loop_init(&boards->sensor, &boot, &boards->outboxes[1]);
     motor_loop_init(&boards->motor, &boot, &boards->outboxes[2]);
+    cart_loop_init(&boards->cart, &boot, &boards->outboxes[3]);
     frame_decoder_init(&boards->decoder);
     for (int i = 0; i < REST_STEPS; i++)
         pass_time(boards);
-    boards->drive.teller.uptime_ms = boards->motor.teller.uptime_ms = 0; /* who echoes 0 is fresh for a second */
+    boards->drive.teller.uptime_ms = boards->motor.teller.uptime_ms = boards->cart.teller.uptime_ms = 0; /* who echoes 0 is fresh for a second */
 }
 
 /* CRC-32 as the remainder of a division, highest power first. */
@@ -169,14 +198,19 @@ static void receive(struct boards *boards, uint8_t byte)
     const bool is_good = frame_decoder_feed(&boards->decoder, byte, &frame);
     const enum command_kind kind = drive_loop_receive(&boards->drive, byte);
     const enum motor_command_kind motor_kind = motor_loop_receive(&boards->motor, byte);
+    const enum cart_command_kind cart_kind = cart_loop_receive(&boards->cart, byte);
     sensor_loop_receive(&boards->sensor, byte);
-    insist(is_good || (kind == COMMAND_REFUSED && motor_kind == MOTOR_REFUSED));
+    insist(is_good || (kind == COMMAND_REFUSED && motor_kind == MOTOR_REFUSED && cart_kind == CART_REFUSED));
     if (is_good)
         judge_frame(boards, &frame);
     if (kind != COMMAND_REFUSED)
         judge_command(&frame, kind == COMMAND_STOP || kind == COMMAND_DISARM, (uint16_t)boards->drive.teller.uptime_ms);
     if (motor_kind != MOTOR_REFUSED)
         judge_command(&frame, motor_kind == MOTOR_STOP, (uint16_t)boards->motor.teller.uptime_ms);
+    if (cart_kind != CART_REFUSED)
+        judge_command(&frame, cart_kind == CART_STOP, (uint16_t)boards->cart.teller.uptime_ms);
+    if (cart_kind == CART_RUN)
+        insist((frame.payload[offsetof(struct run_payload, manner)] & ~(RUN_MATCHED | RUN_COARSE)) == 0);
     judge_powers(&boards->motor.supervisor);
     if (byte != 0)
         return;
@@ -195,6 +229,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     boards.drive.teller.outbox = &boards.outboxes[0];
     boards.sensor.teller.outbox = &boards.outboxes[1];
     boards.motor.teller.outbox = &boards.outboxes[2];
+    boards.cart.teller.outbox = &boards.outboxes[3];
     for (size_t i = 0; i < size; i++)
         receive(&boards, bytes[i]);
     return 0;

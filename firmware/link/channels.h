@@ -20,7 +20,8 @@
 
 #define LINK_PROTOCOL_VERSION 1
 
-enum link_source { SOURCE_HOST = 0, SOURCE_DRIVE = 1, SOURCE_SENSOR = 2, SOURCE_MOTOR = 3 }; /* 3 is Maze Runner's */
+/* Two bits: the only board of a small robot is 3, Maze Runner's motor board and the bumper cart's board alike. */
+enum link_source { SOURCE_HOST = 0, SOURCE_DRIVE = 1, SOURCE_SENSOR = 2, SOURCE_MOTOR = 3, SOURCE_CART = 3 };
 
 enum link_channel {
     CHANNEL_STATUS = 1,   /* any board, 1 Hz */
@@ -32,11 +33,15 @@ enum link_channel {
     CHANNEL_SETTING = 7,  /* either board: the answer to an adjustment */
     CHANNEL_LAST_WORDS = 8, /* drive board, 1 Hz after a start that left its memory intact */
     CHANNEL_MOTORS = 9,   /* motor board, 50 Hz */
+    CHANNEL_CART = 10,    /* cart's board, 10 Hz */
+    CHANNEL_STAGE = 11,   /* cart's board: a stage, as it ends, and again when it is asked for */
     CHANNEL_DRIVE = 16,   /* host: speed and turn rate; refreshed at 10 Hz while a driver holds the stick */
     CHANNEL_STOP = 17,    /* host: speed and turn to zero at once; sent three times */
     CHANNEL_ARM = 18,     /* host: let the drive board arm once it stands upright; 0 disarms */
     CHANNEL_ADJUST = 19,  /* host: a setting of one board asked for or changed, all of them stored, the gyro zeroed */
-    CHANNEL_POWERS = 20   /* host: the powers of the motor board's motors, and for how long */
+    CHANNEL_POWERS = 20,  /* host: the powers of the motor board's motors, and for how long */
+    CHANNEL_RUN = 21,     /* host: the cart begins a run */
+    CHANNEL_UPLOAD = 22   /* host: the cart tells stages of its log */
 };
 
 #define SONAR_COUNT 8
@@ -150,6 +155,30 @@ struct PACKED motors_payload {
     uint8_t acknowledged;  /* sequence of the last command accepted */
 };
 
+struct PACKED cart_payload {
+    int16_t left_ticks;    /* counters; wrap */
+    int16_t right_ticks;
+    uint16_t battery_mv;
+    uint16_t logged;       /* stages of this run so far */
+    uint16_t bumps;        /* of this run */
+    uint8_t doing;         /* enum cart_state (cart/program.h) */
+    uint8_t bumper;        /* switches closed now: 1 left, 2 middle, 4 right */
+    uint8_t run;           /* counted since boot; wraps */
+    uint8_t state;         /* enum drive_state */
+    uint8_t reason;        /* enum stop_reason of the last stop; none also when a run came to its end */
+    uint8_t acknowledged;  /* sequence of the last command accepted */
+};
+
+struct PACKED stage_payload {
+    uint16_t number;       /* in its run's log */
+    uint8_t run;
+    uint8_t kind;          /* enum cart_stage_kind (cart/program.h) */
+    uint8_t bumper;        /* switches closed at its end */
+    uint8_t is_kept;       /* 0: it ends now; 1: told again, from the log */
+    int16_t left;          /* ticks, negative backward */
+    int16_t right;
+};
+
 struct PACKED setting_payload {
     uint8_t verb;          /* of the adjustment that is answered, */
     uint8_t setting;
@@ -189,6 +218,25 @@ struct PACKED powers_payload {
     uint32_t check;
 };
 
+#define RUN_MATCHED 1u     /* both wheels are kept at the same count; else each motor has the same power; */
+#define RUN_COARSE 2u      /* by eight powers, five times a second */
+
+struct PACKED run_payload {
+    uint16_t bumps;        /* after which the cart stands; 0: until it is stopped */
+    uint16_t seed;         /* of its random turns */
+    uint8_t manner;        /* RUN_MATCHED, RUN_COARSE; other bits are refused */
+    uint8_t leash_s;       /* it stops when it has not heard a command for so long; 0: it needs no host */
+    uint16_t echo_ms;      /* the cart's newest frame time that the host has seen */
+    uint32_t check;
+};
+
+struct PACKED upload_payload {
+    uint16_t first;        /* number of a stage in this run's log; what is kept no longer is left out */
+    uint16_t count;
+    uint16_t echo_ms;
+    uint32_t check;
+};
+
 struct PACKED adjust_payload {
     uint8_t board;         /* the one that is meant, by its enum link_source */
     uint8_t verb;          /* enum adjust_verb */
@@ -210,6 +258,10 @@ _Static_assert(sizeof(struct last_words_payload) == 10, "packed");
 _Static_assert(sizeof(struct sonar_payload) == 16, "packed");
 _Static_assert(sizeof(struct infrared_payload) == 16, "packed");
 _Static_assert(sizeof(struct motors_payload) == 9, "packed");
+_Static_assert(sizeof(struct cart_payload) == 16, "packed");
+_Static_assert(sizeof(struct stage_payload) == 10, "packed");
+_Static_assert(sizeof(struct run_payload) == 12, "packed");
+_Static_assert(sizeof(struct upload_payload) == 10, "packed");
 _Static_assert(sizeof(struct drive_payload) == 10, "packed");
 _Static_assert(sizeof(struct stop_payload) == 6, "packed");
 _Static_assert(sizeof(struct arm_payload) == 8, "packed");

@@ -1,6 +1,7 @@
 """The virtual robots: physics, sensors, radio and worlds around the firmware's own C. Knows no host, only bytes."""
 
 from firmware.virtual.builds import BUILDS, Build
+from firmware.virtual.bumper_cart import CartBuild, VirtualCart, run_cart
 from firmware.virtual.corridor import corridor_cycle, corridor_plan
 from firmware.virtual.host import DRIFTS, Drift
 from firmware.virtual.maze_runner import VirtualMazeRunner
@@ -17,6 +18,7 @@ __all__ = [
     "BUILDS",
     "DRIFTS",
     "Build",
+    "CartBuild",
     "CompilerError",
     "Drift",
     "Floor",
@@ -25,6 +27,7 @@ __all__ = [
     "PlanError",
     "Radio",
     "ScriptedCrunch",
+    "VirtualCart",
     "VirtualCrunch",
     "VirtualMazeRunner",
     "World",
@@ -34,5 +37,6 @@ __all__ = [
     "load_plan",
     "load_world",
     "route",
+    "run_cart",
     "tour",
 ]

@@ -6,10 +6,12 @@ clock; `avr` is the real ATmega32 programs under simavr, with their interrupts, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from firmware.virtual.cart_board import HostCart
 from firmware.virtual.host import DRIFTS, Drift, HostCrunch
 from firmware.virtual.motor_board import MotorBoard
 from firmware.virtual.worlds import World
@@ -25,6 +27,17 @@ class Motors(Protocol):
 
     @property
     def powers(self) -> tuple[float, float]: ...
+
+    def run(self, ms: int) -> bytes: ...
+
+    def receive(self, data: bytes) -> None: ...
+
+
+class Cart(Protocol):
+    """The bumper cart's board with the body that it moves; `run` and `receive` are its end of the line."""
+
+    @property
+    def body(self) -> Any: ...
 
     def run(self, ms: int) -> bytes: ...
 
@@ -74,6 +87,21 @@ def boards_of(build: Build, world: World, start: np.ndarray, seed: int, drift: D
             from firmware.virtual.avr import AvrCrunch  # needs simavr: only who asks for it
 
             return AvrCrunch(world, start, seed, drift)
+    raise ValueError(f"no build {build!r} of the boards; known are {', '.join(BUILDS)}")
+
+
+def cart_of(build: Build, world: World, pose: Sequence[float], parts: Sequence[float], seed: int) -> Cart:
+    """A cart's board and body that were just switched on; `parts` are what struct cart_build holds, in its order.
+
+    ValueError for an unknown build, CompilerError where it is not built.
+    """
+    match build:
+        case "host":
+            return HostCart(world, pose, parts, seed)
+        case "avr":
+            from firmware.virtual.avr.cart import AvrCart  # needs simavr: only who asks for it
+
+            return AvrCart(world, pose, parts, seed)
     raise ValueError(f"no build {build!r} of the boards; known are {', '.join(BUILDS)}")
 
 

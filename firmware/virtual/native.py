@@ -22,7 +22,7 @@ import platformdirs
 from cffi import FFI
 
 FIRMWARE = Path(__file__).resolve().parent.parent
-FOLDERS = ("link", "drive", "sensor", "motor", "virtual")
+FOLDERS = ("link", "drive", "sensor", "motor", "cart", "virtual")
 LIBRARIES = {"virtual/avr": ("-lsimavr",)}  # that the C of a folder needs
 FLAGS = ("-O2", "-fPIC", "-shared", "-std=c11", "-ffp-contract=off")
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion")

@@ -92,6 +92,16 @@ class World:
         (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
         return float(left), float(bottom), float(right), float(top)
 
+    @cached_property
+    def walls(self) -> list[np.ndarray]:
+        """Outlines (n, 2) of the free space, the one around the most first; WorldError where walls have open ends.
+
+        Each is closed: its last corner and its first one are neighbours.
+        """
+        from firmware.virtual.polygons import closed_outlines
+
+        return closed_outlines(self.segments, self.name)
+
     def cast(
         self, x: np.ndarray | float, y: np.ndarray | float, bearings: np.ndarray | float, reach: float = 100.0
     ) -> np.ndarray:
@@ -123,7 +133,11 @@ class World:
 
 
 def load_world(source: str | Path) -> World:
-    """World from a file or by a built-in name ("demo", "corridor50", "maze:medium:3"). Raises WorldError."""
+    """World from a file or by a built-in name ("demo", "maze:medium:3", "polygon:3"). Raises WorldError."""
+    if str(source).startswith("polygon:"):
+        from firmware.virtual.polygons import polygon_named
+
+        return polygon_named(str(source))
     if str(source).startswith("maze:"):
         from firmware.virtual.mazes import maze_named
 

@@ -10,20 +10,24 @@ from typing import Any
 import numpy as np
 
 from server.channels import Calibration
-from server.formats import bags, carmen, crazyflie, laser, lego, mines, sonar8, sparse, wean
+from server.formats import bags, carmen, crazyflie, laser, lego, mines, neato, rcx, roomba, sonar8, sparse, wean
+from server.formats.cart_log import CartLog, cart_messages
 from server.formats.errors import FormatError, read_bytes
 from server.formats.laser import LaserLog
 from server.messages import Message
+from slam.cart_odometry import CartParams
 from slam.laser_scan import LaserParams
 from slam.rangefinder import RingParams
 
 SNIFFED = 1 << 20  # bytes of a text file looked at for rows that tell its kind; comments and PARAM rows come first
-MAZE_RUNNER = "maze_runner"
+MAZE_RUNNER, BUMPER_CART = "maze_runner", "bumper_cart"
+CARTS = (("roomba", roomba.is_roomba, roomba.read_roomba), ("rcx", rcx.is_rcx, rcx.read_rcx))
 ALONE: Mapping[str, Any] = {MAZE_RUNNER: {"odometry": {"is_alone": True}}}  # settings of a laser without odometry
 UNEVEN = 0.01  # of a step between beams that another may differ
 KNOWN = (
     "crunch reads its own recordings (.rlog), CARMEN logs, ROS 1 bags of a laser or a Crazyflie, logs of the mines, "
-    "of Wean Hall and of the LEGO robot, and sonar8 (measurement.txt beside poses.txt)"
+    "of Wean Hall and of the LEGO robot, sonar8 (measurement.txt beside poses.txt), and for bumper_cart logs "
+    "of a Roomba, a Neato's bags and an RCX's data log"
 )
 
 
@@ -32,7 +36,7 @@ class Log:
     """A log that can be read again and again; each call of `messages` begins at its start."""
 
     path: Path
-    kind: str  # "rlog", "carmen", "bag", "crazyflie", "lego", "mines", "sonar8" or "wean"
+    kind: str  # "rlog", "carmen", "bag", "crazyflie", "lego", "mines", "neato", "rcx", "roomba", "sonar8" or "wean"
     description: str
     source: Callable[[Calibration], Iterator[Message]]
     sensors: dict[str, RingParams] | None  # the rings that its Ranges speak of; None: the robot's own, or a laser
@@ -42,6 +46,7 @@ class Log:
     mount: np.ndarray = field(default_factory=lambda: np.zeros(3))  # pose on the robot of the frame that Odometry moves
     truncated_at: int | None = None  # where the file was cut: a line, or an offset in a recording
     warnings: tuple[str, ...] = ()
+    cart: CartParams | None = None  # the build of the robot with a bumper
     laser: LaserParams | None = None  # whose whole scans its Ranges are; its place on the robot is the mount
 
     def messages(self, calibration: Calibration | None = None) -> Iterator[Message]:
@@ -78,13 +83,38 @@ def read_log(
             check_laser(path, beams)
             check_few(path, robot)
             return crazyflie_log(path)
+        if robot == BUMPER_CART:
+            return cart_log("neato", neato.read_neato(path).cart)
         return laser_log("bag", bags.read_laser_bag(path), None if is_whole else reduction)
     if carmen.is_carmen(content[:SNIFFED]):
         return laser_log("carmen", carmen.read_carmen(path), None if robot == MAZE_RUNNER else reduction)
     for kind, is_like, read in (("mines", mines.is_mines, mines.read_mines), ("wean", wean.is_wean, wean.read_wean)):
         if is_like(content[:SNIFFED]):
             return laser_log(kind, read(path), None if is_whole else reduction)
+    if robot in (None, BUMPER_CART):
+        for kind, is_like, read in CARTS:
+            if is_like(content[:SNIFFED]):
+                return cart_log(kind, read(path))
     raise FormatError(path, None, "is no log that crunch knows", KNOWN)
+
+
+def cart_log(kind: str, read: CartLog) -> Log:
+    """A robot with a bumper; stages whose times are not known are a second apart."""
+    times = np.where(np.isnan(read.times), np.arange(len(read.times), dtype=float), read.times)
+    bumps = sum(stage.bumper != 0 for stage in read.stages)
+    cut = () if read.truncated_at is None else (f"{read.path}:{read.truncated_at}: the log is cut; replayed up to it",)
+    return Log(
+        path=read.path,
+        kind=kind,
+        description=f"{len(read.stages)} stages with {bumps} bumps",
+        source=lambda _: cart_messages(read.stages, times),
+        sensors=None,
+        n_odometry=len(read.stages) + 1,
+        robot=BUMPER_CART,
+        truncated_at=read.truncated_at,
+        warnings=cut,
+        cart=read.params,
+    )
 
 
 def check_laser(path: Path, beams: int | None) -> None:

@@ -1,6 +1,7 @@
 """Every robot that there is, one row each: its fold, its estimator, and the lines that it speaks on.
 
-A row's name is also that of the robot's table in the settings. Uses its siblings `crunch` and `maze_runner`.
+A row's name is also that of the robot's table in the settings. Uses its siblings `crunch`,
+`maze_runner` and `bumper_cart`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from server import channels
-from server.robots import crunch, maze_runner
+from server.robots import bumper_cart, crunch, maze_runner
 
 LASER = "laser"  # name of the line on which a laser speaks for itself
 MOUSE = "mouse"  # and, with its number behind it, of that of an optical mouse
@@ -24,6 +25,7 @@ class Kind(NamedTuple):
     has_laser: bool = False  # with a line of its own
     mice: int = 0  # optical ones that it may have, each with a line of its own
     explores: bool = False  # whether `server.explorer` can drive it
+    bumps: bool = False  # whether it runs by itself, from bump to bump, and knows nothing but that
 
 
 ROBOTS: dict[str, Kind] = {
@@ -31,6 +33,7 @@ ROBOTS: dict[str, Kind] = {
     "maze_runner": Kind(
         maze_runner.MazeRunner, maze_runner.make_estimator, (channels.MOTOR,), has_laser=True, mice=8, explores=True
     ),
+    "bumper_cart": Kind(bumper_cart.BumperCart, bumper_cart.make_estimator, (channels.CART,), bumps=True),
 }
 
 

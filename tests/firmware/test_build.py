@@ -21,7 +21,7 @@ from firmware.virtual.native import (
 )
 from tests.tools import miss
 
-PURE = ("link", "drive", "sensor", "motor")
+PURE = ("link", "drive", "sensor", "motor", "cart")
 CHECKED = {"avr8": (*PURE, "avr"), "native": ("virtual", "fuzz")}  # by cppcheck, with all folders in them
 
 

@@ -27,7 +27,7 @@ def test_nothing_is_found_and_every_line_of_the_decoders_reached(tmp_path):
     assert found["findings"] == "none", done.stderr[-3000:]
     assert found["executions"] >= RUNS
     lines = fuzz.reached(program("replay"), tmp_path / "inputs")
-    for name in ("link/frame.c", "link/cobs.c", "link/seal.c", "drive/command.c", "motor/command.c"):
+    for name in ("link/frame.c", "link/cobs.c", "link/seal.c", "drive/command.c", "motor/command.c", "cart/command.c"):
         assert lines[name][0] == lines[name][1], name
 
 
@@ -40,9 +40,21 @@ def test_nothing_is_found_and_every_line_of_the_decoders_reached(tmp_path):
         ("link/seal.c", "<= SEAL_MAX_AGE_MS", "<= 4 * SEAL_MAX_AGE_MS"),
         ("drive/supervisor.c", "limited(wish->speed, MAX_SPEED)", "wish->speed"),
         ("motor/command.c", "deadline_ms == 0 || !is_power(command->powers[0]) ||", "deadline_ms == 0 ||"),
+        ("cart/command.c", "if (manner & ~(RUN_MATCHED | RUN_COARSE))", "if (manner == 99)"),
+        ("cart/loop.c", "count < end && first < end - count", "count < UINT16_MAX"),
         ("motor/ramp.c", "magnitude_of(wanted) < most", "true"),
     ],
-    ids=["overflow", "over-read", "no CRC-32", "stale", "no limit", "no limit of power", "no ramp"],
+    ids=[
+        "overflow",
+        "over-read",
+        "no CRC-32",
+        "stale",
+        "no limit",
+        "no limit of power",
+        "no such manner",
+        "beyond the log",
+        "no ramp",
+    ],
 )
 def test_what_is_broken_is_found(name, sound, broken, tmp_path):
     program("fuzzer")

@@ -12,6 +12,7 @@ FILES = {
     "Drive board": ("drive_board.c", "pwm", "encoders", "twi", "uart"),
     "Sensor board": ("sensor_board.c", "capture", "uart"),
     "Maze Runner's motor board": ("motor_board.c", "uart"),
+    "Bumper Cart's board": ("cart_board.c", "encoders", "uart"),
 }
 HOUSING = {  # 40-pin DIP: where each port's bit 0 is, and which way it counts
     "A": (40, -1),
@@ -81,9 +82,10 @@ def test_analogue_inputs_stand_in_the_order_of_the_sources():
         assert used("Drive board")[port].startswith(word)
 
 
-def test_the_motor_board_s_battery_is_where_its_source_has_it():
-    assert re.search(r"enum \{ BATTERY = 3 \}", text("Maze Runner's motor board"))
-    assert used("Maze Runner's motor board")["PA3"] == "battery voltage"
+@pytest.mark.parametrize("board", ["Maze Runner's motor board", "Bumper Cart's board"])
+def test_a_small_robot_s_battery_is_where_its_source_has_it(board):
+    assert re.search(r"enum \{ BATTERY = 3 \}", text(board))
+    assert used(board)["PA3"] == "battery voltage"
 
 
 def constant(name, file="drive/power.c"):
@@ -94,7 +96,8 @@ def constant(name, file="drive/power.c"):
 
 def test_resistors_make_the_scales_of_the_program():
     drive = constant("DIVIDER_FULL_MV")
-    scales = [drive, drive, constant("BATTERY_FULL_MV", "motor/battery.c")]
+    small = constant("BATTERY_FULL_MV", "motor/battery.c")  # of either small robot
+    scales = [drive, drive, small, small]
     dividers = re.findall(r"([\d.]+) kohm over ([\d.]+) kohm", PAGE)
     for (upper, lower), scale in zip(dividers, scales, strict=True):
         full = 5000.0 * (float(upper) + float(lower)) / float(lower)

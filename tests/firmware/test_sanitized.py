@@ -10,6 +10,7 @@ SUITES = {
     "link": ["test_link_c.py", "test_line.py"],
     "boards": ["test_drive_c.py", "test_supervisor_c.py", "test_sensor_c.py"],
     "motor board": ["test_motor_c.py"],
+    "cart": ["test_cart_c.py", "test_cart_body.py"],
     "gyro on a bus": ["test_imu.py", "-k", "set_up or is_told or rails or stays_away"],
     "virtual robot": ["test_virtual_crunch.py", "test_rangefinders.py", "test_scripted.py", "test_drift.py"],
     "simulated boards": ["test_avr.py", "test_imu.py", "-k", "same_seed"],

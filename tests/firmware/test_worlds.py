@@ -150,7 +150,7 @@ def test_bad_worlds_name_file_place_and_remedy(tmp_path, text, message):
 
 
 def test_missing_worlds_are_told_what_there_is(tmp_path):
-    with pytest.raises(WorldError, match=r"no such file.*corridor50, demo"):
+    with pytest.raises(WorldError, match=r"no such file.*corridor50, cut-rectangle, demo"):
         load_world("nowhere")
     with pytest.raises(WorldError, match="is a directory"):
         load_world(tmp_path)

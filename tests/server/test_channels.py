@@ -17,17 +17,23 @@ from server.link import Frame
 from server.messages import (
     ArmCommand,
     Balance,
+    Cart,
+    CartStage,
     DriveCommand,
     LastWords,
     Motors,
     Power,
     PowersCommand,
     Ranges,
+    RunCommand,
     Setting,
     Status,
     StopCommand,
+    UploadCommand,
     Wheels,
 )
+from slam.cart_odometry import BACK, TURN, Stage
+from slam.cart_odometry import DRIVE as DRIVE_STAGE
 
 HEADER = Path(__file__).parents[2] / "firmware" / "link" / "channels.h"
 CALIBRATION = Calibration()
@@ -46,6 +52,10 @@ FIELDS = {
     "adjust": "board verb setting value echo_ms check",
     "motors": "left_power right_power battery_mv state reason acknowledged",
     "powers": "left right deadline_ms echo_ms check",
+    "cart": "left_ticks right_ticks battery_mv logged bumps doing bumper run state reason acknowledged",
+    "stage": "number run kind bumper is_kept left right",
+    "run": "bumps seed manner leash_s echo_ms check",
+    "upload": "first count echo_ms check",
 }
 
 ENUMS = {
@@ -116,6 +126,14 @@ def claims():
     yield f"SONAR_NO_RETURN == {channels.NO_RETURN}"
     yield f"MOTOR_FULL_POWER == {channels.FULL_POWER}"
     yield f"MOTOR_LONGEST_MS == {channels.MAX_DEADLINE_MS}"
+    yield f"SOURCE_CART == {channels.CART}"
+    yield f"RUN_MATCHED == {channels.MATCHED}"
+    yield f"RUN_COARSE == {channels.COARSE}"
+    for value, name in enumerate(channels.DOINGS):
+        yield f"CART_{name.upper()} == {value}"
+    yield f"(CART_LEFT | CART_MIDDLE | CART_RIGHT) == {channels.ALL_SWITCHES}"
+    for name, kind in (("DRIVE", DRIVE_STAGE), ("BACK", BACK), ("TURN", TURN)):
+        yield f"STAGE_{name} == {kind}"
     yield f"LINK_MAX_PAYLOAD == {link.MAX_PAYLOAD}"
     yield f"LINK_MAX_ENCODED == {link.MAX_ENCODED}"
     yield f"LINK_MAX_PAYLOAD >= {max(row.payload.size for row in CHANNELS.values())}"
@@ -123,7 +141,12 @@ def claims():
 
 def test_the_compiler_reads_the_header_as_the_table_does(tmp_path):
     is_signed = "#define IS_SIGNED(x) _Generic((x), int8_t: 1, int16_t: 1, int32_t: 1, float: 1, default: 0)"
-    lines = [f'#include "{HEADER}"', "#include <stddef.h>", is_signed]
+    lines = [
+        f'#include "{HEADER}"',
+        f'#include "{HEADER.parents[1] / "cart" / "program.h"}"',
+        "#include <stddef.h>",
+        is_signed,
+    ]
     lines += [f'_Static_assert({claim}, "{claim.replace(chr(34), chr(39))}");' for claim in claims()]
     source = tmp_path / "claims.c"
     source.write_text("\n".join(lines) + "\n")
@@ -135,7 +158,7 @@ def test_the_table_has_a_row_for_every_channel_and_name_of_the_header():
     enums = [(prefix, len(names)) for prefix, names in ENUMS.items()]
     for prefix, n in [
         ("CHANNEL", len(CHANNELS)),
-        ("SOURCE", len(channels.SOURCES)),
+        ("SOURCE", len(channels.SOURCES) + 1),  # number 3 has two names
         ("STOP", len(channels.REASONS)),
         *enums,
     ]:
@@ -167,6 +190,30 @@ def test_power():
 def test_motors():
     [motors] = decode(frame(channels.MOTORS, MOTOR, -10_000, 2500, 11_800, 3, 3, 9), 2.0, CALIBRATION)
     assert_about(motors, Motors(2.0, -1.0, 0.25, 11.8, "link lost", "link", 9))
+
+
+def test_the_cart_and_its_stages():
+    told = frame(channels.CART_STATE, MOTOR, -32_768, 20, 7250, 13, 5, 2, 5, 255, 1, 0, 9)
+    [cart] = decode(told, 2.0, CALIBRATION)
+    assert_about(cart, Cart(2.0, -32_768, 20, 7.25, 13, 5, "back", 5, 255, "armed", "none", 9))
+    [stage] = decode(frame(channels.STAGE, MOTOR, 13, 255, 1, 4, 1, -50, -49), 2.0, CALIBRATION)
+    assert stage == CartStage(2.0, 255, 13, Stage(1, -50, -49, 4), True)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        RunCommand(bumps=65_536),
+        RunCommand(seed=-1),
+        RunCommand(leash=256),
+        UploadCommand(0, 70_000),
+        UploadCommand(-1, 1),
+    ],
+    ids=str,
+)
+def test_a_run_or_question_that_the_cart_cannot_hold_is_no_command(command):
+    with pytest.raises(ValueError, match="does not fit a command"):
+        encode_command(command, 0, 0)
 
 
 def test_an_answer_names_what_was_asked_and_what_came_of_it():
@@ -233,6 +280,13 @@ def test_infrared_beyond_its_reach_is_no_return_and_no_count_is_negative():
         frame(channels.MOTORS, MOTOR, 0, 0, 60_001, 0, 0, 0),
         frame(channels.MOTORS, MOTOR, 0, 0, 0, 5, 0, 0),
         frame(channels.MOTORS, MOTOR, 0, 0, 0, 0, len(channels.REASONS), 0),
+        frame(channels.CART_STATE, MOTOR, 0, 0, 60_001, 0, 0, 0, 0, 0, 0, 0, 0),
+        frame(channels.CART_STATE, MOTOR, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0, 0),
+        frame(channels.CART_STATE, MOTOR, 0, 0, 0, 0, 0, 0, 8, 0, 0, 0, 0),
+        frame(channels.CART_STATE, MOTOR, 0, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0),
+        frame(channels.STAGE, MOTOR, 0, 0, 3, 0, 0, 0, 0),
+        frame(channels.STAGE, MOTOR, 0, 0, 0, 8, 0, 0, 0),
+        frame(channels.STAGE, MOTOR, 0, 0, 0, 0, 2, 0, 0),
         answer(verb=len(channels.VERBS)),
         answer(setting=len(channels.SETTINGS)),
         answer(outcome=len(channels.OUTCOMES)),
@@ -278,7 +332,13 @@ def test_unknown_channels_and_other_versions_are_told_apart():
 
 
 def test_our_own_commands_coming_back_are_refused():
-    for command in (DriveCommand(0.1, 0.2), StopCommand(), ArmCommand(True), PowersCommand(0.1, 0.2, 0.3)):
+    for command in (
+        DriveCommand(0.1, 0.2),
+        StopCommand(),
+        ArmCommand(True),
+        PowersCommand(0.1, 0.2, 0.3),
+        RunCommand(),
+    ):
         with pytest.raises(Refused, match="source"):
             read(encode_command(command, 0, 0))
 
@@ -309,7 +369,8 @@ def test_the_document_tells_the_table_s_sizes_and_the_budget():
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
     told = {int(row[0]): row for row in rows if len(row) == 7 and row[0].isdecimal()}
     assert set(told) == set(CHANNELS)
-    crunch, maze_runner = 0.0, CHANNELS[channels.STATUS].payload.size + 8.0
+    crunch, maze_runner, cart = 0.0, 24.0, 24.0  # of which a status each
+    assert CHANNELS[channels.STATUS].payload.size + 8 == 24
     for number, channel in CHANNELS.items():
         _, name, sources, size, on_line, rate, load = told[number]
         assert name == channel.name
@@ -320,8 +381,11 @@ def test_the_document_tells_the_table_s_sizes_and_the_budget():
             assert float(load) == int(on_line) * float(times or 1) * float(each)
             if number in (channels.MOTORS, channels.POWERS_COMMAND):
                 maze_runner += float(load)
+            elif number == channels.CART_STATE:
+                cart += float(load)
             else:
                 crunch += float(load)
     assert f"Together Crunch's take {crunch:,.0f} bytes per second" in text
     assert f"Maze Runner's {maze_runner:,.0f}" in text
+    assert f"Bumper Cart's {cart:,.0f}" in text
     assert max(crunch, maze_runner) < 1920

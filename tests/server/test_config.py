@@ -112,7 +112,7 @@ def test_settings_survive_the_way_through_a_header():
         ("[crunch]\nfilter.partcles = 5\n", "c.toml:2: `crunch.filter.partcles`"),
         ("[crunh]\n", "c.toml:1: `crunh` is no setting; did you mean `crunch`?"),
         ("[crunch.sensors.sonar]\nmax_rnge = 1.0\n", "c.toml:2: `crunch.sensors.sonar.max_rnge`"),
-        ("volume = 1\n", "c.toml:1: `volume` is no setting; known here: preset, crunch, maze_runner, estimator"),
+        ("volume = 1\n", "c.toml:1: `volume` is no setting; known here: preset, crunch, maze_runner, bumper_cart"),
         ("[crunch.filter]\n\nparticles = 0\n", "c.toml:3: crunch.filter.particles = 0 cannot be used; input"),
         ("[web]\nport = 'x'\n", "c.toml:2: web.port = 'x' cannot be used"),
         ("[crunch.sensors.bat]\nmax_range = 1.0\n", "c.toml:1: crunch.sensors.bat.model"),

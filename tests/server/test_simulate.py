@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware.virtual import load_world
 from server.config import load
 from server.errors import UserError
 from server.formats.tum import read_tum, write_tum
-from server.messages import Ranges, Wheels
+from server.messages import CartStage, Ranges, Wheels
 from server.recorded import open_log
 from server.replay import run_log
 from server.robots.crunch import CrunchParams
 from server.simulate import Semireal, Simulation, simulate_drive, simulate_semireal, world_and_plan
+from slam.cart_odometry import CartParams, arc
 from slam.evaluate import absolute_error
 from slam.timeline import associate
 from tests.server.logs import write_room_log
@@ -138,3 +140,52 @@ def test_an_unwritable_place_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot be written"):
         drive(tmp_path / "file" / "a.rlog")
+
+
+def bump(out: Path, seed: int = 1, assignments: tuple[str, ...] = (), **more) -> Path:
+    settings = load(assignments=assignments)
+    simulate_drive(Simulation("bumper_cart", None, "bump", seed, out, **{"duration": 60.0, **more}), settings)
+    return out
+
+
+def stages_in(path: Path) -> list[CartStage]:
+    return [message for message in open_log(path).messages() if isinstance(message, CartStage)]
+
+
+def test_a_cart_s_recording_holds_its_stages_and_the_truth_beside_them(tmp_path):
+    told = stages_in(bump(tmp_path / "a.rlog"))
+    assert [each.number for each in told] == list(range(len(told)))
+    assert [each.stage.kind for each in told] == [i % 3 for i in range(len(told))]
+    assert len(told) > 15
+    times, poses = read_tum(tmp_path / "a.rlog.truth.tum")
+    assert times[-1] == pytest.approx(61.0, abs=0.05)
+    at_bumps = [np.searchsorted(times, each.t) - 1 for each in told if each.stage.kind == 0]
+    away = load_world("cut-rectangle").clearances(np.ascontiguousarray(poses[at_bumps, :2]), 2.0)
+    assert away.max() < 0.11, "the middle of the axle is as far from a wall as the bumper is from it, or nearer"
+    params = CartParams()
+    ends = [np.searchsorted(times, each.t) - 1 for each in told]
+    for stage, before, after in zip(told[1:], ends[:-1], ends[1:], strict=True):
+        seen = arc(stage.stage.left, stage.stage.right, params)
+        assert np.hypot(*seen[:2]) == pytest.approx(np.hypot(*(poses[after] - poses[before])[:2]), abs=0.2)
+
+
+def test_a_cart_s_recording_is_the_same_for_the_same_seed_only(tmp_path):
+    bytes_of = {
+        name: bump(tmp_path / f"{name}.rlog", seed).read_bytes() for name, seed in (("a", 1), ("b", 1), ("c", 2))
+    }
+    assert bytes_of["a"] == bytes_of["b"]
+    assert bytes_of["a"] != bytes_of["c"]
+
+
+def test_a_cart_stands_after_the_bumps_that_its_settings_tell(tmp_path):
+    out = bump(tmp_path / "a.rlog", assignments=("bumper_cart.run.bumps=3",), duration=None)
+    assert len(stages_in(out)) == 7
+    three = bump(tmp_path / "b.rlog", 5, ("bumper_cart.build.switches=3",))
+    assert {each.stage.bumper for each in stages_in(three) if each.stage.kind == 0} - {2}
+
+
+def test_a_cart_knows_no_other_plan_and_no_world_that_is_not_there(tmp_path):
+    with pytest.raises(UserError, match="--plan tour: bumper_cart drives by none but bump"):
+        simulate_drive(Simulation("bumper_cart", None, "tour", 1, tmp_path / "a.rlog"), load())
+    with pytest.raises(UserError, match="no built-in world of that name"):
+        simulate_drive(Simulation("bumper_cart", "nowhere", None, 1, tmp_path / "a.rlog"), load())

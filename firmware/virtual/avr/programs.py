@@ -25,11 +25,12 @@ class ProgramError(CompilerError):
 
 
 class Programs(NamedTuple):
-    """The boards' ELF files: Crunch's two, and Maze Runner's."""
+    """The boards' ELF files: Crunch's two, Maze Runner's, and the bumper cart's."""
 
     drive: Path
     sensor: Path
     motor: Path
+    cart: Path
 
 
 @functools.cache
