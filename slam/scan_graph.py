@@ -5,8 +5,8 @@ building with many like corners that also succeeds where it must not, so that an
 sees through the other's walls, and if the odometry can have drifted so far since, or the path need not move for it.
 What is left, and the odometry between vertices, are the edges of a pose graph, under a kernel that lets wrong ones go.
 Rounds begin wide, for paths that are off by metres, and end narrow. Uses its siblings `scan_agreement`,
-`scan_matching`, `scan_pairs`, `wall_matching`, which chooses the pairs, `refinement`, `pose_graph` and
-`pose_covariance`.
+`correlative_search`, `scan_matching`, `scan_pairs`, `wall_matching`, which chooses the pairs, `refinement`,
+`pose_graph` and `pose_covariance`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
+from slam.correlative_search import SearchParams, search
 from slam.laser_scan import Scan
 from slam.params import Params
 from slam.pose import between
@@ -33,6 +34,7 @@ NONE = np.zeros(0)  # of the unknowns that all vertices share
 LEAST_TURN = 0.05  # rad that a scan may be turned, however short the way was,
 WITNESSES = 12  # earlier scans that tell whether a scan stands right, the nearest first
 NARROWEST = 0.2  # and m that it may be moved,
+MOST_SEARCHED = 400  # pairs
 MOST_TURN = 0.35  # and rad that it may be turned: well below a right angle, by which rooms are alike
 
 
@@ -58,12 +60,15 @@ class ScanGraphParams(Params):
     bad_turn: float = Field(default=0.02, gt=0.0)  # rad that the odometry may err by then,
     bad_distance: float = Field(default=0.03, gt=0.0)  # and m,
     bad_overlap: float = Field(default=0.1, ge=0.0)  # where scans of few ends have less in common
+    search: SearchParams = SearchParams(most=2.0, most_turn=0.5)  # around where the path has a pair, at first, then
+    is_searched: bool = False  # whether that is done
 
     def doubting(self) -> ScanGraphParams:
         """The same for an odometry that drifts as it does where a laser sees little."""
         agreement = self.agreement.model_copy(update={"overlap": min(self.bad_overlap, self.agreement.overlap)})
         turn, distance = max(self.turn, self.bad_turn), max(self.distance, self.bad_distance)
-        return self.model_copy(update={"turn": turn, "distance": distance, "agreement": agreement})
+        wide = {"turn": turn, "distance": distance, "agreement": agreement, "is_searched": True}
+        return self.model_copy(update=wide)
 
 
 class ScanGraph:
@@ -72,7 +77,7 @@ class ScanGraph:
     def __init__(self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams, share: Share = by_itself):
         """`share` runs tasks on all threads that there are."""
         self.params = params
-        self.sheaf, self.odometry, self.share = bound(scans), odometry, share
+        self.scans, self.sheaf, self.odometry, self.share = scans, bound(scans), odometry, share
         n = len(scans)
         motions = between(odometry[:-1], odometry[1:])
         precision = np.diag(np.array([params.distance, params.distance, params.turn]) ** -2.0)
@@ -103,6 +108,8 @@ class ScanGraph:
         gates = np.minimum(widest, np.maximum(NARROWEST, SURE * off))
         sigmas = np.column_stack([gates, gates, SURE * np.maximum(LEAST_TURN, turned)])
         priors = np.eye(3) / sigmas[:, None] ** 2  # they only bound the search
+        if params.is_searched and done == 0.0:
+            guesses = self.searched(pairs, guesses, sigmas / SURE, beat)
         matches = align_pairs(self.sheaf, pairs, guesses, priors, gates, params.matching, self.share, beat)
         drifted = between(between(odometry[pairs[:, 0]], odometry[pairs[:, 1]]), matches.poses)
         # a search may walk from wall to wall, into another of many like cells
@@ -112,6 +119,18 @@ class ScanGraph:
         rows = rows[do_pairs_agree(self.sheaf, pairs[rows], counts, params.agreement)]
         precisions = params.trust * (matches.information[rows] - priors[rows]) + 1e-6 * np.eye(3)
         self.loops = LoopEdges(pairs[rows], matches.poses[rows], precisions, kernel)
+
+    def searched(self, pairs: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, beat: Beat) -> np.ndarray:
+        """The likeliest poses (m, 3) of second scans about guesses (m, 3) with deviations `sigmas` (m, 3).
+
+        Of many pairs a part is enough to draw the others after it in the next round.
+        """
+        found = np.array(guesses)
+        for row in np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MOST_SEARCHED)).astype(int)):
+            first, second = pairs[row]
+            found[row] = search(self.scans[second], self.scans[first], guesses[row], sigmas[row], self.params.search)
+            beat()
+        return found
 
     def drift(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """By how much (m,) m and (m,) rad the odometry errs between vertices `pairs` (m, 2), as its steps add up.
