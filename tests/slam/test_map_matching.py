@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slam.map_matching import LayParams, lay, wall_near
+from slam.map_matching import LayParams, is_free, lay, wall_near
 from slam.pose import between, compose, transform
 from slam.tree_map import MASK, TreeMaps, clear, hit
 from slam.tree_map import Rule as MapRule
@@ -63,6 +63,25 @@ def test_a_scan_is_laid_where_it_was_taken(seed):
     elsewhere = compose(pose, np.array([0.0, 0.6, 0.4]))
     assert cost < 0.5 * lay(maps.cells, 0, scan, elsewhere, 1e6 * np.eye(3), RULE, np.empty((3, 3)))
     assert np.all(np.linalg.eigvalsh(hessian) > 0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_scan_is_laid_as_matrices_have_it(seed):
+    rng = np.random.default_rng(seed)
+    cells = drawn().cells
+    surfels = cells.surfels[np.unique(cells.table[cells.table >= 0])].reshape(-1, 5)
+    surfels = surfels[surfels[:, 0] > 0.0].astype(float)
+    whole = scan_at(np.array([1.9, 1.05, 0.1]), ring(), 100 + seed)
+    some = np.sort(rng.choice(len(whole.points), 40, replace=False))
+    scan = whole._replace(points=whole.points[some], normals=whole.normals[some])
+    guess = np.array([1.9, 1.05, 0.1]) + rng.uniform([-0.1, -0.1, -0.06], [0.1, 0.1, 0.06])
+    prior = np.diag(rng.uniform(1.0, 1e3, 3)) + 0.5
+    pose, hessian = guess.copy(), np.empty((3, 3))
+    cost = lay(cells, 0, scan, pose, prior, RULE, hessian)
+    told = naive.lay(surfels, lambda x, y: is_free(cells, 0, x, y), scan, guess, prior, RULE)
+    assert pose == pytest.approx(told[0], abs=1e-5)
+    assert hessian == pytest.approx(told[1], rel=1e-3)
+    assert cost == pytest.approx(told[2], rel=1e-4)
 
 
 def test_the_cost_tells_walls_missing_in_free_space_from_those_in_the_unknown():
