@@ -38,7 +38,7 @@ def test_all_programs_build_without_a_warning_and_fit(tmp_path):
     assert made.returncode == 0, made.stderr
     assert "warning" not in made.stderr
     flash = [float(share) for share in re.findall(r"Program:.*\(([\d.]+)% Full\)", made.stdout)]
-    assert len(flash) == 3
+    assert len(flash) == 4
     assert max(flash) < 50.0
 
 
