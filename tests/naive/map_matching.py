@@ -21,6 +21,7 @@ def wall_near(surfels, x, y, normal, radius):
 def lay(surfels, is_free, scan, guess, prior, rule, resolution=0.05):
     """Pose, its information, and the misfit's cost: Gauss-Newton as `slam.map_matching.lay` tells it, by matrices."""
     pose, reach, most = np.array(guess, float), rule.first_reach, 0.5 * (rule.kernel / rule.sigma) ** 2
+    hessian, cost = np.array(prior, float), 0.0
     for _ in range(rule.rounds):
         off = pose - guess
         hessian, gradient = np.array(prior, float), prior @ off
