@@ -390,6 +390,7 @@ class Snapshot:
     cart: Cart | None = None
     mice: MiceHealth | None = None  # where the odometry is theirs
     battery_limits: tuple[float, float] = (26.4, 24.0)  # V from which down it is low, and empty
+    fastest: tuple[float, float] = (math.inf, math.inf)  # m/s and rad/s that the robot goes at most
     boards: dict[str, Status] = field(default_factory=dict)
     last_words: LastWords | None = None
     route: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # places to pass on the way to the goal, world

@@ -103,7 +103,8 @@ def filter_status(snapshot: Snapshot, worker: EstimatorStatus) -> FilterStatus:
 def driver_status(
     snapshot: Snapshot, control: Control, n_viewers: int, t: float, exploring: Progress | None = None
 ) -> DriverStatus:
-    """Who drives at the session's time t."""
+    """Who drives at the session's time t, and how fast the robot then goes at most."""
+    fastest, turning = snapshot.fastest
     return DriverStatus(
         viewer=control.driver,
         leased=control.has_lease(t),
@@ -116,8 +117,8 @@ def driver_status(
         shared=control.wish is not None and control.wish.shared,
         goal=snapshot.goal,
         viewers=n_viewers,
-        max_speed=control.params.max_speed,
-        max_turn=control.params.max_turn,
+        max_speed=round(min(control.params.max_speed, fastest), 3),
+        max_turn=round(min(control.params.max_turn, turning), 3),
     )
 
 

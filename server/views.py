@@ -119,8 +119,8 @@ class DriverStatus(BaseModel):
     shared: bool = Field(examples=[True], description="whether obstacles bend the driver's direction now")
     goal: tuple[float, float] | None = Field(examples=[(2.0, 1.5)])
     viewers: int = Field(examples=[1])
-    max_speed: float = Field(examples=[0.5])
-    max_turn: float = Field(examples=[1.5])
+    max_speed: float = Field(examples=[0.5], description="m/s that the rules and the robot permit")
+    max_turn: float = Field(examples=[1.5], description="rad/s, as above")
 
 
 class SessionStatus(BaseModel):

@@ -246,6 +246,12 @@ class MazeRunner:
         return PowersCommand(left, right, self.params.deadline)
 
     @property
+    def fastest(self) -> tuple[float, float]:
+        """How fast it goes (m/s) straight on, and turns (rad/s) on the spot, by its slower motor and its bound."""
+        wheel = min(curve.fastest for curve in self.reckoning.curves)
+        return wheel, min(self.params.max_turn, 2.0 * wheel / self.params.motors.track)
+
+    @property
     def goal(self) -> Goal | None:
         """Where it goes to."""
         return self.pilot.goal
@@ -312,6 +318,7 @@ class MazeRunner:
             motors=self.motors,
             mice=self.mice.health if self.mice else None,
             battery_limits=(self.params.battery_low, self.params.battery_empty),
+            fastest=self.fastest,
             looked=self.looked,
             boards=dict(self.boards),
             **self.pilot.shown(pose),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Literal
 
@@ -133,6 +134,21 @@ def test_health_is_not_well_while_the_laser_is_silent():
     status = served.bridge.status()
     status.robot.state = "fault"
     assert "motors" in {check.name for check in checks_of(status) if not check.ok}
+
+
+def test_the_status_tells_how_fast_the_robot_itself_can_go():
+    served = Served()
+    served.advance(1.5)
+    driver = served.bridge.status().driver
+    assert (driver.max_speed, driver.max_turn) == (pytest.approx(math.log(1 / 0.090149) / 6.44209, abs=1e-3), 0.8)
+    tired = PARAMS.motors.model_copy(update={"standing": (0.09, 0.5), "track": 0.4})
+    robot = MazeRunner(PARAMS.model_copy(update={"motors": tired}))
+    wheel = math.log(2.0) / PARAMS.motors.growth[1]
+    assert robot.snapshot().fastest == pytest.approx((wheel, 2.0 * wheel / 0.4))
+    for share in (0.9, 1.0):
+        straight, turn = robot.powers(share * wheel, 0.0), robot.powers(0.0, share * robot.fastest[1])
+        assert max(straight.left, straight.right, turn.right) <= 1.0 + 1e-9
+    assert robot.powers(wheel, 0.0).right == pytest.approx(1.0)
 
 
 def test_it_explores_when_it_is_told_to_and_a_hand_on_the_stick_ends_it():
