@@ -194,9 +194,10 @@ class MazeRunner:
         effects: list[Effect] = list(self.steer())
         if self.vertices:
             moved = math.hypot(pose[0] - self.passed[0], pose[1] - self.passed[1])
-            self.passed = pose
-            self.travelled += moved
-            self.distance += moved
+            if moved >= self.params.odometry.step:  # less may be what a scan errs by
+                self.passed = pose
+                self.travelled += moved
+                self.distance += moved
             apart = between(self.vertices[-1], pose)
             is_near = math.hypot(apart[0], apart[1]) < self.params.vertex_spacing
             if is_near and abs(apart[2]) < self.params.vertex_turn:

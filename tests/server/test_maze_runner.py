@@ -141,3 +141,19 @@ def test_logs_that_it_cannot_map_and_what_it_cannot_do_are_told(tmp_path):
             run(path, tmp_path / "out")
     with pytest.raises(ConfigError, match="`maze_runner` has no such thing; robots that can be simulated: crunch"):
         check_robot("maze_runner", ("crunch",), "robots that can be simulated")
+
+
+def test_who_stands_still_makes_no_way_whatever_scans_err_by():
+    laser = LaserParams(beams=180, first_deg=-90.0, step_deg=1.0, max_range=20.0)
+    robot, rng = MazeRunner(MazeRunnerParams(laser=laser)), np.random.default_rng(3)
+    trembled, before = 0.0, None
+    for tick in range(600):
+        t = 0.1 * tick
+        robot.step(Odometry(t, 0.0, 0.0, 0.0))
+        robot.step(Ranges(t, "laser", ranges_of(np.array([3.0, 1.0, 0.0]), ring(), rng)))
+        here = robot.follower.pose
+        trembled += 0.0 if before is None else math.dist(here[:2], before[:2])
+        before = here
+    assert trembled > 0.05
+    assert robot.distance == 0.0
+    assert len(robot.vertices) == 1
