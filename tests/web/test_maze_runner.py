@@ -49,6 +49,9 @@ def test_its_panels_show_a_laser_and_leave_out_what_it_has_not(visit: Open, runn
 
 def test_keys_drive_it(visit: Open, runner: Served):
     watched = opened(visit, runner)
+    watched.hold("a", lambda: runner.status()["robot"]["pose"][2] > 1.2)  # a wall is ahead, within 0.1 m
+    watched.page.keyboard.up("a")
+    wait_until(lambda: runner.status()["robot"]["powers"] == [0.0, 0.0])
     before = runner.status()["robot"]["distance_m"]
     watched.hold("w", lambda: runner.status()["robot"]["distance_m"] > before + 0.1)
     watched.page.keyboard.up("w")
