@@ -221,7 +221,7 @@ class CartMapper:
         if isinstance(self.path_filter, LocalizedCart):
             walls = self.path_filter.localizer.area.walls
             return [np.array([[x0, y0], [x1, y1]]) for x0, y0, x1, y1 in walls]
-        return self.path_filter.belief().walls
+        return self.path_filter.map().walls
 
     def warnings(self) -> list[str]:
         """What a person should know."""
@@ -229,13 +229,16 @@ class CartMapper:
         truant = sum(run.truant for run in self.robot.runs)
         if truant:
             found.append(f"{truant} stages of the run were lost on the way and in the robot's own log")
-        belief = self.path_filter.belief()
-        if belief.is_localized is False:
-            shares = ", ".join(f"{100.0 * cluster.share:.0f} %" for cluster in belief.clusters[:4]) or "nowhere"
-            found.append(
-                f"the cart is not localized: it may be in {len(belief.clusters)} places of the map ({shares}); more "
-                "bumps may tell, unless the map looks alike from them"
-            )
+        if isinstance(self.path_filter, LocalizedCart):
+            known = self.path_filter.found
+            if known is None:
+                found.append("no place on the map explains the cart's bumps; is it the map of where it drove?")
+            elif not known.is_localized:
+                shares = ", ".join(f"{100.0 * cluster.share:.0f} %" for cluster in known.clusters[:4])
+                found.append(
+                    f"the cart is not localized: it may be in {len(known.clusters)} places of the map ({shares}); more "
+                    "bumps may tell, unless the map looks alike from them"
+                )
         return found
 
     def prepare(self, drive: Drive) -> None:

@@ -7,31 +7,15 @@ Each vertex is a bump, and is seen as the stages (`slam.cart_odometry`) since th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from slam.area import Area
-from slam.bump_localizer import BumpLocalizer, BumpLocalizerParams
+from slam.bump_localizer import BumpLocalizer, BumpLocalizerParams, Estimate
 from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams
 from slam.cart_odometry import CartParams, Stage
 from slam.path_filter import PathEstimate
-from slam.pose_clusters import Cluster
-from slam.resampling import normalize
 from slam.uncertainty import NOT_KNOWN, Uncertainty
-
-
-class BumpBelief(NamedTuple):
-    """What is known besides the path: the map's `walls`, curves (k, 2), and where the cart may be, by `clusters`.
-
-    `is_localized` is None where there is no map to be localized on; `restarted` is how likely the cart was carried away
-    before its newest bump.
-    """
-
-    walls: list[np.ndarray]
-    clusters: list[Cluster]
-    is_localized: bool | None
-    restarted: float
 
 
 class LocalizedCart:
@@ -40,6 +24,7 @@ class LocalizedCart:
     def __init__(self, area: Area, cart: CartParams, params: BumpLocalizerParams, seed: int = 0):
         self.localizer = BumpLocalizer(area, cart, params, seed)
         self.path: list[np.ndarray] = []
+        self.found: Estimate | None = None  # after the newest bump
 
     @property
     def n_particles(self) -> int:
@@ -50,14 +35,14 @@ class LocalizedCart:
         """Add a bump: the pose (3,) that was reckoned, the stages since the one before, and m driven in them."""
         for stage in stages:
             self.localizer.step(stage)
-        found = self.localizer.estimate()
-        self.path.append(np.array(pose, float) if found is None else found.pose)
+        self.found = self.localizer.estimate()
+        self.path.append(np.array(pose, float) if self.found is None else self.found.pose)
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """The heaviest cluster's mean after each bump, as it was then. RuntimeError before the first one."""
         if not self.path:
             raise RuntimeError("no bump was told yet")
-        found, poses = self.localizer.estimate(), self.localizer.poses
+        found, poses = self.found, self.localizer.poses
         shown = poses[np.linspace(0, len(poses) - 1, min(max_particles, len(poses))).astype(int)]
         path = np.array(self.path)
         share = found.clusters[0].share if found and found.clusters else 0.0
@@ -65,13 +50,6 @@ class LocalizedCart:
             path, np.ones(len(path)), shown if len(shown) else path[-1:], len(path) - 1, self.n_particles,
             found.effective if found else 1.0, 0, share, 0.0,
         )  # fmt: skip
-
-    def belief(self) -> BumpBelief:
-        """Where the cart may be, and how sure that is; the map's walls are known to who gave them."""
-        found = self.localizer.estimate()
-        if found is None:
-            return BumpBelief([], [], False, self.localizer.restarted)
-        return BumpBelief([], found.clusters, found.is_localized, found.restarted)
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """Not told of poses that are gone; the clusters' covariances are of now."""
@@ -119,13 +97,6 @@ class MappedCart:
             -found.cost, 0.0,
         )  # fmt: skip
 
-    def belief(self) -> BumpBelief:
-        """The map so far, and how the particles' newest poses lie together."""
-        weights = normalize(self.mapper.swarm.log_weights)
-        best = self.mapper.swarm.poses[int(np.argmax(self.mapper.swarm.scores))]
-        cluster = Cluster(best, covariance_of(self.mapper.swarm.poses, weights), 1.0)
-        return BumpBelief(self.map().walls, [cluster], None, 0.0)
-
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """Not known of a map from bumps."""
         return NOT_KNOWN
@@ -136,9 +107,3 @@ class MappedCart:
     def conclude(self) -> None:
         """The run is over: refine the best paths and their walls together."""
         self.known = self.mapper.refine()
-
-
-def covariance_of(poses: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Covariance (3, 3) of poses (n, 3) about their weighted mean; headings as they are, unwrapped."""
-    off = poses - weights @ poses
-    return (off * weights[:, None]).T @ off

@@ -77,16 +77,16 @@ class RefinedGridFilter:
         before = self.path_filter.estimate(1).path.astype(float)
         is_fresh = not is_quick or self.correction is None
         start = before if is_fresh or self.correction is None else corrected(self.correction, before)
-        graph = self.graph(self.params)
+        graph = self.graph()
         after = self.chosen(graph, graph.refine(start, None if is_fresh else QUICK, beat), before, beat)
         if is_fresh:
             graph, after = self.doubted(graph, after, before, beat)
         self.correction = correction_by(graph.covariances(after), before, after)
         self.n_refined, self.is_quick = len(self.odometry), not is_fresh
 
-    def graph(self, params: ScanGraphParams) -> ScanGraph:
+    def graph(self, in_doubt: bool = False) -> ScanGraph:
         """The scans along the odometry."""
-        return ScanGraph(np.array(self.odometry), self.path_filter.scans, params, self.path_filter.share)
+        return ScanGraph(np.array(self.odometry), self.path_filter.scans, self.params, self.path_filter.share, in_doubt)
 
     def doubted(
         self, graph: ScanGraph, refined: np.ndarray, filtered: np.ndarray, beat: Beat
@@ -97,9 +97,9 @@ class RefinedGridFilter:
         loops were missed: the laser saw little, and its odometry drifted farther than it does as a rule.
         """
         known = graph.agreement_along(refined, beat, self.params.gap)
-        if not known < self.params.doubt:
+        if not known < self.params.doubt.share:
             return graph, refined
-        dropped, wide = self.dropped, self.graph(self.params.doubting())
+        dropped, wide = self.dropped, self.graph(in_doubt=True)
         path = self.chosen(wide, wide.refine(filtered, None, beat), filtered, beat)
         if wide.agreement_along(path, beat, self.params.gap) > known + FOLDED:
             return wide, path

@@ -38,6 +38,16 @@ MOST_SEARCHED = 400  # pairs
 MOST_TURN = 0.35  # and rad that it may be turned: well below a right angle, by which rooms are alike
 
 
+class DoubtParams(Params):
+    """When loops are looked for once more, and how: as far as the odometry drifts where a laser sees little."""
+
+    share: float = Field(default=0.9, ge=0.0, le=1.0)  # of ends that agree on revisits, below which loops were missed
+    turn: float = Field(default=0.02, gt=0.0)  # rad that the odometry may err by between two vertices,
+    distance: float = Field(default=0.03, gt=0.0)  # and m
+    overlap: float = Field(default=0.1, ge=0.0)  # of the ends, in place of the agreement's
+    search: SearchParams = SearchParams(most=2.0, most_turn=0.5)  # around where the path has a pair, at first
+
+
 class ScanGraphParams(Params):
     """How scans of different visits are compared; `rounds = 0` switches it off."""
 
@@ -56,27 +66,26 @@ class ScanGraphParams(Params):
     last_kernel: float = Field(default=3.0, gt=0.0)  # and in the end
     matching: ScanMatchingParams = ScanMatchingParams(enough=0.3)  # but for its gate
     agreement: AgreementParams = AgreementParams()
-    doubt: float = Field(default=0.9, ge=0.0, le=1.0)  # of ends that agree on revisits, below which loops were missed
-    bad_turn: float = Field(default=0.02, gt=0.0)  # rad that the odometry may err by then,
-    bad_distance: float = Field(default=0.03, gt=0.0)  # and m,
-    bad_overlap: float = Field(default=0.1, ge=0.0)  # where scans of few ends have less in common
-    search: SearchParams = SearchParams(most=2.0, most_turn=0.5)  # around where the path has a pair, at first, then
-    is_searched: bool = False  # whether that is done
+    doubt: DoubtParams = DoubtParams()
 
     def doubting(self) -> ScanGraphParams:
-        """The same for an odometry that drifts as it does where a laser sees little."""
-        agreement = self.agreement.model_copy(update={"overlap": min(self.bad_overlap, self.agreement.overlap)})
-        turn, distance = max(self.turn, self.bad_turn), max(self.distance, self.bad_distance)
-        wide = {"turn": turn, "distance": distance, "agreement": agreement, "is_searched": True}
-        return self.model_copy(update=wide)
+        """The same with what is believed in doubt."""
+        doubt = self.doubt
+        agreement = self.agreement.model_copy(update={"overlap": min(doubt.overlap, self.agreement.overlap)})
+        errors = {"turn": max(self.turn, doubt.turn), "distance": max(self.distance, doubt.distance)}
+        return self.model_copy(update={**errors, "agreement": agreement})
 
 
 class ScanGraph:
     """The graph of vertices that stand at `odometry` (n, 3) and took `scans`."""
 
-    def __init__(self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams, share: Share = by_itself):
-        """`share` runs tasks on all threads that there are."""
-        self.params = params
+    def __init__(
+        self, odometry: np.ndarray, scans: Sequence[Scan], params: ScanGraphParams, share: Share = by_itself,
+        in_doubt: bool = False,
+    ):  # fmt: skip
+        """`share` runs tasks on all threads that there are; `in_doubt` the odometry may have drifted far."""
+        self.params = params = params.doubting() if in_doubt else params
+        self.in_doubt = in_doubt
         self.scans, self.sheaf, self.odometry, self.share = scans, bound(scans), odometry, share
         n = len(scans)
         motions = between(odometry[:-1], odometry[1:])
@@ -108,7 +117,7 @@ class ScanGraph:
         gates = np.minimum(widest, np.maximum(NARROWEST, SURE * off))
         sigmas = np.column_stack([gates, gates, SURE * np.maximum(LEAST_TURN, turned)])
         priors = np.eye(3) / sigmas[:, None] ** 2  # they only bound the search
-        if params.is_searched and done == 0.0:
+        if self.in_doubt and done == 0.0:
             guesses = self.searched(pairs, guesses, sigmas / SURE, beat)
         matches = align_pairs(self.sheaf, pairs, guesses, priors, gates, params.matching, self.share, beat)
         drifted = between(between(odometry[pairs[:, 0]], odometry[pairs[:, 1]]), matches.poses)
@@ -126,9 +135,10 @@ class ScanGraph:
         Of many pairs a part is enough to draw the others after it in the next round.
         """
         found = np.array(guesses)
+        within = self.params.doubt.search
         for row in np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MOST_SEARCHED)).astype(int)):
             first, second = pairs[row]
-            found[row] = search(self.scans[second], self.scans[first], guesses[row], sigmas[row], self.params.search)
+            found[row] = search(self.scans[second], self.scans[first], guesses[row], sigmas[row], within)
             beat()
         return found
 

@@ -6,7 +6,7 @@ import pytest
 from slam.evaluate import absolute_error
 from slam.grid_filter import GridFilter, GridFilterParams
 from slam.refined_grid_filter import RefinedGridFilter
-from slam.scan_graph import ScanGraph, ScanGraphParams
+from slam.scan_graph import DoubtParams, ScanGraph, ScanGraphParams
 from tests.slam.laser_world import around, odometry_of, ring, seen_at
 
 
@@ -117,10 +117,10 @@ def test_loops_that_fold_the_map_are_dropped_and_told():
 def test_loops_beyond_the_drift_that_is_usual_are_found_where_revisits_disagree(seed):
     poses, odometry, walls = drive(seed)
     steady = {"turn": 1e-4, "distance": 1e-3}  # the odometry here errs by far more
-    blind, wary = (run(odometry, walls, 2, seed, **steady, doubt=doubt) for doubt in (0.0, 0.9))
+    blind, wary = (run(odometry, walls, 2, seed, **steady, doubt=DoubtParams(share=share)) for share in (0.0, 0.9))
     paths = []
     for found in (blind, wary):
-        graph = found.graph(found.params)
+        graph = found.graph()
         after, path = found.doubted(graph, graph.refine(odometry), odometry, lambda: None)
         assert (after is graph) == (found is blind)
         paths.append(path)
