@@ -28,9 +28,22 @@ bool board_is_sending(void)
     return uart_is_sending();
 }
 
-void board_send(const uint8_t *frame, uint8_t size)
+bool board_send_next(struct outbox *outbox)
 {
-    uart_send(frame, size);
+    uint8_t frame[LINK_MAX_ENCODED];
+    if (uart_is_sending())
+        return false;
+    const uint8_t size = outbox_take(outbox, frame);
+    if (size > 0)
+        uart_send(frame, size);
+    return size > 0;
+}
+
+void board_note_loop(struct teller *teller, uint16_t start_us)
+{
+    const uint16_t loop_us = (uint16_t)(ticks_us() - start_us);
+    if (loop_us > teller->worst_loop_us)
+        teller->worst_loop_us = loop_us;
 }
 
 void board_load(uint8_t *record, uint8_t size)

@@ -36,23 +36,6 @@ static void work_one_ms(void)
     board_drive(loop.ramps[0].power, loop.ramps[1].power);
 }
 
-static void send_what_waits(void)
-{
-    uint8_t frame[LINK_MAX_ENCODED];
-    if (board_is_sending())
-        return;
-    const uint8_t size = outbox_take(&outbox, frame);
-    if (size > 0)
-        board_send(frame, size);
-}
-
-static void note_time(uint16_t start_us)
-{
-    const uint16_t loop_us = (uint16_t)(board_us() - start_us);
-    if (loop_us > loop.teller.worst_loop_us)
-        loop.teller.worst_loop_us = loop_us;
-}
-
 int main(void)
 {
     const struct boot boot = board_init();
@@ -64,8 +47,8 @@ int main(void)
         while (loop.teller.uptime_ms != board_ms()) { /* each ms counts: none is left out if one comes late */
             const uint16_t start_us = board_us();
             work_one_ms();
-            send_what_waits();
-            note_time(start_us);
+            board_send_next(&outbox);
+            board_note_loop(&loop.teller, start_us);
         }
         board_sleep();
     }

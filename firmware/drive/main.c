@@ -41,22 +41,16 @@ static void step(void)
         board_motors_off();
     drive_loop_tell(&loop, &samples);
     board_keep(&loop.adjuster, &loop.teller);
-    const uint16_t loop_us = (uint16_t)(board_us() - start_us);
-    if (loop_us > loop.teller.worst_loop_us)
-        loop.teller.worst_loop_us = loop_us;
+    board_note_loop(&loop.teller, start_us);
     board_pet(loop.teller.worst_loop_us, &loop.ending);
 }
 
 /* Once per ms: whose turn it is, and the next frame if it is ours. */
 static void share_line(void)
 {
-    uint8_t frame[LINK_MAX_ENCODED];
     board_grant(turns_step(&turns, board_is_sending()));
-    if (!turns_may_send(&turns) || board_is_sending())
-        return;
-    const uint8_t size = outbox_take(&outbox, frame);
-    if (size > 0)
-        board_send(frame, size);
+    if (turns_may_send(&turns))
+        board_send_next(&outbox);
 }
 
 int main(void)

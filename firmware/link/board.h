@@ -12,7 +12,12 @@ uint16_t board_us(void); /* wraps at 65536 */
 
 bool board_receive(uint8_t *byte);
 bool board_is_sending(void);
-void board_send(const uint8_t *frame, uint8_t size);
+
+/* Begins to send the frame that waits longest, if the line is free; whether it did. */
+bool board_send_next(struct outbox *outbox);
+
+/* A loop's body that began at `start_us` has ended. */
+void board_note_loop(struct teller *teller, uint16_t start_us);
 
 /* The settings' record in the EEPROM. */
 void board_load(uint8_t *record, uint8_t size);

@@ -71,21 +71,8 @@ static void take_infrared(void)
 
 static void speak_if_granted(void)
 {
-    uint8_t frame[LINK_MAX_ENCODED];
-    if (board_is_sending() || !permit_may_send(&permit, board_is_granted()))
-        return;
-    const uint8_t size = outbox_take(&outbox, frame);
-    if (size == 0)
-        return;
-    permit_use(&permit);
-    board_send(frame, size);
-}
-
-static void note_time(uint16_t start_us)
-{
-    const uint16_t loop_us = (uint16_t)(board_us() - start_us);
-    if (loop_us > loop.teller.worst_loop_us)
-        loop.teller.worst_loop_us = loop_us;
+    if (!board_is_sending() && permit_may_send(&permit, board_is_granted()) && board_send_next(&outbox))
+        permit_use(&permit);
 }
 
 int main(void)
@@ -103,7 +90,7 @@ int main(void)
             speak_if_granted();
             work_one_ms();
             board_keep(&loop.adjuster, &loop.teller);
-            note_time(start_us);
+            board_note_loop(&loop.teller, start_us);
         }
         board_sleep();
     }
