@@ -15,7 +15,7 @@ import numpy as np
 
 from firmware.virtual.builds import Build, cart_of
 from firmware.virtual.cart_board import HostCart
-from firmware.virtual.on_air import OnAir
+from firmware.virtual.on_air import OneBoard
 from firmware.virtual.polygons import inside
 from firmware.virtual.radio import Radio
 from firmware.virtual.worlds import World, WorldError
@@ -24,7 +24,6 @@ CartDrift = Literal["none", "low", "medium", "high"]
 INCH = 0.0254  # m
 LONGEST_MS = 60_000  # that a stage can take
 MOST_BUMPS = 10_000
-TRUTH_MS = 20  # between two rows of the truth
 # Standard deviations, as shares: motors' lasting and passing differences, wheels' radii, slip straight on and in turns;
 # then the wheelbase's own share, the play of the counters' gears in ticks,
 # and the share of bumps in which the bumper's bar sticks when it is pressed at an end.
@@ -92,7 +91,7 @@ def random_start(world: World, seed: int, build: CartBuild | None = None) -> np.
     raise WorldError(f"{world.name}: no room for a cart of {clear:.2f} m around its axle; make the world larger")
 
 
-class VirtualCart(OnAir):
+class VirtualCart(OneBoard):
     """A cart at `start`, or anywhere, in a world; `build` names what it should be, `self.build` what it became.
 
     `board` is the build of its board's program: the C on this machine, or the real one.
@@ -118,38 +117,12 @@ class VirtualCart(OnAir):
         self.board: Any = cart_of(
             board, world, [float(part) for part in place], (*lengths, *errors, wanted.switches), seed
         )
-        self.now_ms = 0
-        self.rows: list[np.ndarray] = []
-
-    @property
-    def time(self) -> float:
-        """Simulated seconds since the start."""
-        return self.now_ms * 1e-3
 
     @property
     def pose(self) -> np.ndarray:
         """True pose (3,) of the middle of its axle."""
         body = self.board.body
         return np.array([body.x, body.y, math.remainder(body.heading, 2.0 * math.pi)])
-
-    def truth(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) and true poses (n, 3), fifty a second, while it was advanced."""
-        rows = np.array(self.rows).reshape(-1, 4)
-        return rows[:, 0].copy(), rows[:, 1:].copy()
-
-    def receive(self, data: bytes) -> None:
-        """Bytes that reached the board."""
-        self.board.receive(data)
-
-    def run(self, ms: int) -> bytes:
-        """Lets board and body live; returns what the board sent."""
-        sent = []
-        for _ in range(ms):
-            self.now_ms += 1
-            sent.append(self.board.run(1))
-            if self.now_ms % TRUTH_MS == 0:
-                self.rows.append(np.array([self.time, *self.pose]))
-        return b"".join(sent)
 
 
 def run_cart(

@@ -14,17 +14,16 @@ import numpy as np
 from firmware.virtual.builds import Build, motor_board_of
 from firmware.virtual.maze_body import Drift, MazeBody
 from firmware.virtual.mice import Floor, MousePlace, VirtualMouse
-from firmware.virtual.on_air import OnAir
+from firmware.virtual.on_air import OneBoard
 from firmware.virtual.radio import Radio
 from firmware.virtual.urg import PERIOD_MS, VirtualUrg
 from firmware.virtual.worlds import World
 
 BODY_MS = 5  # between two steps of the body
-TRUTH_MS = 20  # between two rows of the truth
 AHEAD = 0.05  # m from the middle of the axle to the laser
 
 
-class VirtualMazeRunner(OnAir):
+class VirtualMazeRunner(OneBoard):
     """A robot at `start`, or where the world has it; `drift` names how unlike its motors are, and how floors slip.
 
     It has optical mice at the places `mice`, which look at `floor`: a clean one unless it is given. `build` is its
@@ -52,14 +51,7 @@ class VirtualMazeRunner(OnAir):
         floor = floor or Floor()
         self.mice = [VirtualMouse(place, floor, 8 * seed + number) for number, place in enumerate(mice)]
         self.counted = [b"" for _ in mice]  # by each of them
-        self.now_ms = 0
         self.history = deque([self.body.pose], maxlen=2 * PERIOD_MS // BODY_MS)  # the newest last
-        self.rows: list[np.ndarray] = []
-
-    @property
-    def time(self) -> float:
-        """Simulated seconds since the start."""
-        return self.now_ms * 1e-3
 
     @property
     def pose(self) -> np.ndarray:
@@ -71,15 +63,6 @@ class VirtualMazeRunner(OnAir):
         late = max(0.0, self.time - t) * 1e3 / BODY_MS
         x, y, heading = self.history[max(0, len(self.history) - 1 - round(late))]
         return np.array([x + AHEAD * np.cos(heading), y + AHEAD * np.sin(heading), heading])
-
-    def truth(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) and true poses (n, 3), fifty a second."""
-        rows = np.array(self.rows).reshape(-1, 4)
-        return rows[:, 0].copy(), rows[:, 1:].copy()
-
-    def receive(self, data: bytes) -> None:
-        """Bytes that reached the motor board."""
-        self.board.receive(data)
 
     def write_laser(self, data: bytes) -> None:
         """Bytes from the host to the laser."""
@@ -95,19 +78,12 @@ class VirtualMazeRunner(OnAir):
         counted, self.counted[number] = self.counted[number], b""
         return counted
 
-    def run(self, ms: int) -> bytes:
-        """Lets board, body and laser live; returns what the board sent."""
-        sent = []
-        for _ in range(ms):
-            self.now_ms += 1
-            sent.append(self.board.run(1))
-            if self.now_ms % BODY_MS == 0:
-                self.body.step(self.board.powers, BODY_MS * 1e-3)
-                self.board.battery = self.body.battery.volts
-                self.history.append(self.body.pose)
-            if self.now_ms % TRUTH_MS == 0:
-                self.rows.append(np.array([self.time, *self.body.pose]))
-            self.said += self.laser.advance(1)
-            for number, mouse in enumerate(self.mice):
-                self.counted[number] += mouse.advance(self.now_ms, self.body.pose)
-        return b"".join(sent)
+    def live(self) -> None:
+        """Body, laser and mice."""
+        if self.now_ms % BODY_MS == 0:
+            self.body.step(self.board.powers, BODY_MS * 1e-3)
+            self.board.battery = self.body.battery.volts
+            self.history.append(self.body.pose)
+        self.said += self.laser.advance(1)
+        for number, mouse in enumerate(self.mice):
+            self.counted[number] += mouse.advance(self.now_ms, self.body.pose)

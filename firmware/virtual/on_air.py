@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
 
 from firmware.virtual.radio import Air, Radio
 
 STEP_MS = 20  # the driver's and the radio's beat
+TRUTH_MS = 20  # between two rows of the truth
 DOWN, UP = 0, 1
 
 
@@ -63,3 +67,50 @@ class OnAir(ABC):
         if commands:
             self.receive(commands)
         return self.air.directions[DOWN].arrived(now)
+
+
+class OneBoard(OnAir):
+    """A robot of one board, `board`, that is stepped ms by ms, and of which the truth is kept.
+
+    Whoever is one gives `pose`, and in `live` what a ms does to all but the board.
+    """
+
+    board: Any
+
+    def __init__(self, radio: Radio | None, seed: int):
+        super().__init__(radio, seed)
+        self.now_ms = 0
+        self.rows: list[np.ndarray] = []
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the start."""
+        return self.now_ms * 1e-3
+
+    @property
+    @abstractmethod
+    def pose(self) -> np.ndarray:
+        """True pose (3,) of the middle of its axle."""
+
+    def truth(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) and true poses (n, 3), fifty a second, while it was advanced."""
+        rows = np.array(self.rows).reshape(-1, 4)
+        return rows[:, 0].copy(), rows[:, 1:].copy()
+
+    def receive(self, data: bytes) -> None:
+        """Bytes that reached the board."""
+        self.board.receive(data)
+
+    def run(self, ms: int) -> bytes:
+        """Lets board and body live; returns what the board sent."""
+        sent = []
+        for _ in range(ms):
+            self.now_ms += 1
+            sent.append(self.board.run(1))
+            self.live()
+            if self.now_ms % TRUTH_MS == 0:
+                self.rows.append(np.array([self.time, *self.pose]))
+        return b"".join(sent)
+
+    def live(self) -> None:
+        """A ms has passed for the board."""
