@@ -1,10 +1,9 @@
-"""Exploring as a person meets it: switched on and off, simulated, recorded, replayed, and looked at again."""
+"""Exploring as a person meets it: switched on and off, ended by whatever ends it, and told of."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -15,28 +14,18 @@ from firmware.virtual.mazes import maze
 from server.bridge import Bridge
 from server.config import Config, load, navigation_of
 from server.control import Control, ControlParams, Refused
-from server.errors import UserError
 from server.estimator import InlineEstimator
 from server.explorer import Explorer, ExplorerParams, choose, warm_up
-from server.formats.tum import read_tum
 from server.headless import Headless
-from server.laser_calibration import calibrate
-from server.messages import Drive, Ranges, Stop
+from server.messages import Drive, Stop
 from server.navigator import NavigatorParams
-from server.recorded import open_log
-from server.recording import Kind, Reader
-from server.replay import Options, replay, run_log
 from server.rest.health import checks_of
 from server.robots.kinds import LASER
-from server.robots.maze_runner import MazeRunner, MazeRunnerParams, make_estimator
+from server.robots.maze_runner import MazeRunner, make_estimator
 from server.session import session_of
-from server.simulate import Simulation, simulate_drive
 from server.words import ArmWord, AutopilotWord, DriveWord, PlainWord
-from slam.evaluate import absolute_error
-from slam.timeline import associate
 from tests.firmware.avr_tools import need_simavr
 from tests.server.executors import Later
-from tests.server.rendered import rendered
 
 STEP = 0.02  # s
 SETTINGS = Config()
@@ -331,84 +320,3 @@ def test_it_goes_around_a_maze_along_the_wall():
     assert virtual.body.bumps == 0
     assert len(loop.keyframes) > 20
     assert loop.robot.goal is None
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("maze") / "a.rlog"
-    told = simulate_drive(Simulation("maze_runner", "maze:small:1", None, 1, out), load())
-    assert "0 walls touched" in told
-    assert "not closed" not in told
-    return out
-
-
-def test_a_simulated_maze_is_recorded_with_both_its_lines_and_the_same_seed_makes_the_same_bytes(recording, tmp_path):
-    reader = Reader(recording)
-    assert reader.header.robot == "maze_runner"
-    kinds = {(record.kind, record.link_id) for record in reader}
-    assert {(Kind.RX, "link0"), (Kind.RX, LASER), (Kind.TX, "link0"), (Kind.TX, LASER), (Kind.MARK, "")} == kinds
-    simulate_drive(Simulation("maze_runner", "maze:small:1", "explore", 1, tmp_path / "b.rlog"), load())
-    again = [record[1:] for record in Reader(tmp_path / "b.rlog")]
-    assert again == [record[1:] for record in reader]
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_its_recording_is_mapped_to_the_centimetre(recording, seed):
-    """One cell is like another: a loop that puts it a cell farther on is none, as the odometry cannot be so wrong."""
-    log = open_log(recording)
-    assert sum(isinstance(message, Ranges) for message in log.messages()) > 200
-    result = run_log(log, MazeRunnerParams(), seed)
-    times, truth = read_tum(recording.with_name("a.rlog.truth.tum"))
-    matches = associate(result.drive.times, times)
-    error = absolute_error(result.trajectory[matches.rows], truth[matches.reference_rows])
-    assert error.translation.rmse < 0.02
-    assert error.rotation.rmse < np.radians(1.0)
-
-
-def test_a_sweep_is_laid_where_it_was_taken(recording):
-    """What the delay is may be tried out on a recording; half a tenth of a second too little shows in the headings."""
-    times, truth = read_tum(recording.with_name("a.rlog.truth.tum"))
-    off = []
-    for delay in (PARAMS.laser_delay, 0.0):
-        result = run_log(open_log(recording), PARAMS.model_copy(update={"laser_delay": delay}))
-        matches = associate(result.drive.times, times)
-        error = absolute_error(result.trajectory[matches.rows], truth[matches.reference_rows])
-        off.append(error.rotation.rmse)
-    assert off[0] < 0.6 * off[1]
-
-
-def test_its_recording_is_replayed_and_shown_again(recording, tmp_path):
-    report = replay(recording, tmp_path / "map", Options("maze_runner"))
-    assert report.vertices > 15
-    last, cache = rendered(recording, tmp_path / "cache")
-    assert last.complete
-    assert {"pose", "local", "path", "histogram", "particles"} <= {topic for topic, _ in cache.between(0.0, 60.0)}
-
-
-@pytest.mark.parametrize(
-    ("world", "plan", "remedy"),
-    [
-        ("maze:huge:1", None, "write maze:medium:3"),
-        ("maze:small:x", None, "write maze:medium:3"),
-        ("maze:small:1:2", None, "write maze:medium:3"),
-        ("maze:1x4:2", None, "two of each"),
-        ("maze:small:1", "demo", "explore, frontiers, wall"),
-    ],
-)
-def test_what_cannot_be_simulated_is_told_with_the_remedy(tmp_path, world, plan, remedy):
-    simulation = Simulation("maze_runner", world, plan, 1, tmp_path / "a.rlog")
-    with pytest.raises(UserError, match=remedy):
-        simulate_drive(simulation, load())
-    assert not list(tmp_path.iterdir())
-
-
-def test_its_recording_tells_how_badly_its_motors_err(recording, tmp_path):
-    found = calibrate([recording], Options("maze_runner"))
-    assert {row.name for row in found.rows} == {"distance", "turn", "rotation"}
-    assert found.gain > 5.0, "the virtual motors err otherwise than the default thinks"
-    path = tmp_path / "robot.toml"
-    path.write_text(found.toml())
-    noise = load(file=path).maze_runner.odometry.motion.odometry
-    assert noise.distance == next(row.recommended for row in found.rows if row.name == "distance")
-    with pytest.raises(UserError, match="named twice"):
-        calibrate([recording, recording], Options("maze_runner"))
