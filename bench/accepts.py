@@ -16,8 +16,8 @@ from bench.corruption import KINDS, line_of, pieces_of
 from firmware.virtual import VirtualCrunch, corridor_plan, load_world
 from firmware.virtual.host import HostCrunch
 from server.channels import DRIVE, SENSOR, SETTINGS, STREAMS, VERBS, Refused, addressee, encode_command, read
+from server.commands import AdjustCommand, ArmCommand, Command, DriveCommand, StopCommand
 from server.link import DELIMITER, Decoder, encode
-from server.messages import AdjustCommand, ArmCommand, Command, DriveCommand, StopCommand
 
 PIECES = 150_000  # corrupted ones of each run, at least
 BATCH = 40_000  # frames: what the boards count does not reach its counters' ends

@@ -17,8 +17,8 @@ from firmware.virtual.avr.motor_board import AvrMotorBoard
 from firmware.virtual.avr.programs import Imu, programs
 from firmware.virtual.bumper_cart import VirtualCart
 from server.channels import CART, DRIVE, MOTOR, SENSOR, STATUS, encode_command, read
+from server.commands import AdjustCommand, PowersCommand, RunCommand, UploadCommand
 from server.link import Decoder, encode
-from server.messages import AdjustCommand, PowersCommand, RunCommand, UploadCommand
 
 FLASH, RAM = 32768, 2048  # bytes
 MHZ = 16

@@ -15,7 +15,7 @@ from firmware.virtual.avr import AvrCrunch
 from firmware.virtual.avr.memory import Memory
 from firmware.virtual.avr.programs import programs
 from server.channels import milli
-from server.messages import Command, DriveCommand, StopCommand
+from server.commands import Command, DriveCommand, StopCommand
 
 ARMED, LINK_LOST = 1, 3  # of enum drive_state
 OLDEST = 1.0  # s: a command that was longer under way is stale

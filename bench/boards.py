@@ -28,8 +28,8 @@ from server.channels import (
     encode_command,
     read,
 )
+from server.commands import ArmCommand, Command, DriveCommand
 from server.link import Decoder, Frame, encode
-from server.messages import ArmCommand, Command, DriveCommand
 
 REFRESH_MS = 100  # between drive commands
 MAX_PORTION_MS = 20

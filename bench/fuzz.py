@@ -19,9 +19,7 @@ from bench.benchmark import Bench, Column, Crew, Record, Row, middle, plain
 from firmware.virtual import VirtualCrunch, load_world
 from firmware.virtual.native import FIRMWARE
 from server.channels import VERBS, encode_command
-from server.errors import UserError
-from server.link import DELIMITER, encode
-from server.messages import (
+from server.commands import (
     AdjustCommand,
     ArmCommand,
     DriveCommand,
@@ -30,6 +28,8 @@ from server.messages import (
     StopCommand,
     UploadCommand,
 )
+from server.errors import UserError
+from server.link import DELIMITER, encode
 
 MINUTES = 10.0
 FUZZ = FIRMWARE.parent / "build" / "fuzz"

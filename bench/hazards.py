@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from bench.board_watch import LINK_LOST, drive_memory
 from bench.boards import Rider, hall
 from firmware.virtual.variation import ACCELEROMETER_COUNTS
-from server.messages import ArmCommand
+from server.commands import ArmCommand
 
 STANDING = (0.0, 0.0)
 DRIVING = (0.3, 0.0)

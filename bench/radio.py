@@ -18,7 +18,7 @@ from bench.boards import hall
 from bench.host_view import HostView, Tapped
 from firmware.virtual import Radio
 from server.channels import DRIVE, SENSOR
-from server.messages import ArmCommand, Command, DriveCommand, StopCommand
+from server.commands import ArmCommand, Command, DriveCommand, StopCommand
 
 MINUTES = 10.0
 ROOM = 100.0  # m: it drives about and is not to meet a wall

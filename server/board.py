@@ -16,7 +16,7 @@ from server.errors import UserError
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from server.messages import AdjustCommand
+    from server.commands import AdjustCommand
     from server.workbench import Workbench
 
 LISTENING = 5.0  # s, where somebody only wants to know
@@ -95,7 +95,7 @@ def unwatched(bench: Workbench) -> Iterator[Callable[[], None]]:
 def commands_of(built_in: bool, sets: list[str], zero_gyro: bool, level: bool, store: bool) -> list[AdjustCommand]:
     """The adjustments that the flags ask for, in their order; UserError for a setting that there is not."""
     from server.boards import both, setting
-    from server.messages import AdjustCommand
+    from server.commands import AdjustCommand
 
     commands = both("built in") if built_in else []
     for text in sets:

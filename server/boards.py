@@ -13,17 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from server import channels
-from server.messages import (
-    AdjustCommand,
-    Balance,
-    Effect,
-    Message,
-    Power,
-    Ranges,
-    Setting,
-    Status,
-    Wheels,
-)
+from server.commands import AdjustCommand
+from server.messages import Balance, Effect, Message, Power, Ranges, Setting, Status, Wheels
 from server.session import Session
 
 BOARDS = ("drive", "sensor")

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import Any, Protocol
 
 from server.adviser import Adviser
+from server.commands import DriveCommand, PowersCommand
 from server.control import Control, Refused
 from server.dashboard import Dashboard
 from server.estimator import Estimator
@@ -21,7 +22,7 @@ from server.explorer import Explorer, Progress
 from server.guidance import route_view, suggestions_view
 from server.labels import Labels
 from server.layers import Layers
-from server.messages import DriveCommand, Effect, Estimate, Keyframe, Message, PowersCommand, Snapshot, Stop
+from server.messages import Effect, Estimate, Keyframe, Message, Snapshot, Stop
 from server.navigator import Navigator, NavigatorParams
 from server.pulse import Pulse
 from server.recording import Recorder

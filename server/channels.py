@@ -17,28 +17,18 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from server.link import Frame
-from server.messages import (
+from server.commands import (
     AdjustCommand,
     ArmCommand,
-    Balance,
-    Cart,
-    CartStage,
     Command,
     DriveCommand,
-    LastWords,
-    Message,
-    Motors,
-    Power,
     PowersCommand,
-    Ranges,
     RunCommand,
-    Setting,
-    Status,
     StopCommand,
     UploadCommand,
-    Wheels,
 )
+from server.link import Frame
+from server.messages import Balance, Cart, CartStage, LastWords, Message, Motors, Power, Ranges, Setting, Status, Wheels
 from slam.cart_odometry import Stage
 from slam.params import Params
 

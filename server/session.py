@@ -15,9 +15,10 @@ from typing import Any, Protocol
 
 from server import channels, link
 from server.clock import BoardClock
+from server.commands import Command, StopCommand
 from server.health import SourceHealth
 from server.laser_line import LaserLine
-from server.messages import Arm, Command, Drive, Effect, Goal, Message, Stop, StopCommand
+from server.messages import Arm, Drive, Effect, Goal, Message, Stop
 from server.mouse_line import MouseLine
 from server.recording import Kind
 from server.robots.kinds import LASER, ROBOTS, mouse_lines

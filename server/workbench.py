@@ -24,8 +24,8 @@ from server.boards import (
     telemetry_report,
 )
 from server.channels import Calibration
+from server.commands import AdjustCommand
 from server.errors import UserError
-from server.messages import AdjustCommand
 from server.session import Session
 from server.transport import Link, open_link
 

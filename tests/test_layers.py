@@ -33,7 +33,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "slam.wall_matching", "slam.walls",
     ),
     (
-        "server", "server.channels", "server.clock", "server.errors", "server.formats", "server.formats.atomic",
+        "server", "server.channels", "server.clock", "server.commands", "server.errors",
+        "server.formats", "server.formats.atomic",
         "server.formats.bags", "server.formats.carmen", "server.formats.cart_log", "server.formats.crazyflie",
         "server.formats.errors", "server.formats.ev3", "server.formats.g2o", "server.formats.laser",
         "server.formats.lego", "server.formats.logs", "server.formats.mines", "server.formats.neato",

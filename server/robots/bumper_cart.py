@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from server.channels import Calibration
+from server.commands import RunCommand, StopCommand, UploadCommand
 from server.errors import UserError
 from server.messages import (
     Arm,
@@ -26,12 +27,9 @@ from server.messages import (
     Goal,
     Keyframe,
     Message,
-    RunCommand,
     Snapshot,
     Status,
     Stop,
-    StopCommand,
-    UploadCommand,
     nothing_known,
     shown_of,
 )

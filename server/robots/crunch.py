@@ -14,12 +14,11 @@ import numpy as np
 from pydantic import Field
 
 from server.channels import Calibration
+from server.commands import ArmCommand, DriveCommand, StopCommand
 from server.messages import (
     Arm,
-    ArmCommand,
     Balance,
     Drive,
-    DriveCommand,
     Effect,
     Estimate,
     Goal,
@@ -32,7 +31,6 @@ from server.messages import (
     Snapshot,
     Status,
     Stop,
-    StopCommand,
     Wheels,
     nothing_known,
     shown_of,

@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import Field
 
 from server.channels import Calibration
+from server.commands import DriveCommand, PowersCommand, StopCommand
 from server.formats.laser import SENSOR
 from server.messages import (
     Arm,
     Drive,
-    DriveCommand,
     Effect,
     Estimate,
     Goal,
@@ -28,12 +28,10 @@ from server.messages import (
     Motors,
     MouseCounts,
     Odometry,
-    PowersCommand,
     Ranges,
     Snapshot,
     Status,
     Stop,
-    StopCommand,
     nothing_known,
     shown_of,
 )

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from server.messages import Drive, DriveCommand, Goal, StopCommand
+from server.commands import DriveCommand, StopCommand
+from server.messages import Drive, Goal
 from slam.pose import between
 from slam.vfh import Steering, Vfh
 

@@ -10,8 +10,8 @@ from bench import accepts
 from bench.benchmark import Row
 from bench.corruption import KINDS, burst, flip_bits, line_of, lose_bytes, pieces_of, splice
 from server.channels import ADJUST_COMMAND, DRIVE, SENSOR, VERBS, addressee, encode_command
+from server.commands import AdjustCommand, ArmCommand
 from server.link import DELIMITER, Decoder, encode
-from server.messages import AdjustCommand, ArmCommand
 
 RNG = np.random.default_rng(1)
 FRAMES = accepts.telemetry(1)[:2000]

@@ -14,7 +14,7 @@ from bench import radio
 from bench.benchmark import Row
 from bench.board_watch import BoardWatch
 from firmware.virtual import Radio
-from server.messages import StopCommand
+from server.commands import StopCommand
 from tests.firmware.avr_tools import need_simavr
 
 MINUTES = 0.25

@@ -5,7 +5,7 @@ import pytest
 from bench import ride
 from bench.boards import Rider, hall
 from firmware.virtual.variation import Variation
-from server.messages import AdjustCommand, ArmCommand
+from server.commands import AdjustCommand, ArmCommand
 
 HERE = ride.CASES["the same C on this machine"]
 SEEDS = range(3)

@@ -13,8 +13,9 @@ from firmware.virtual.maze_body import Drift
 from firmware.virtual.maze_runner import VirtualMazeRunner
 from firmware.virtual.mazes import CELL, maze
 from server import channels, link
+from server.commands import PowersCommand, StopCommand
 from server.headless import BOARD, SETTINGS, STEP, Headless
-from server.messages import Drive, Goal, PowersCommand, Stop, StopCommand
+from server.messages import Drive, Goal, Stop
 from server.robots.maze_runner import MazeRunner
 from slam.pose import between, compose, inverse, transform
 

@@ -6,8 +6,9 @@ from typing import TypeVar
 
 from firmware.virtual.bumper_cart import VirtualCart
 from server.channels import CART, Calibration, decode, encode_command
+from server.commands import Command
 from server.link import Decoder, Frame, encode
-from server.messages import Cart, CartStage, Command, Status
+from server.messages import Cart, CartStage, Status
 from slam.cart_odometry import Stage
 
 Told = TypeVar("Told", Cart, CartStage, Status)

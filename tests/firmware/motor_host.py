@@ -3,8 +3,9 @@
 from typing import Any, TypeVar
 
 from server.channels import MOTOR, Calibration, decode, encode_command
+from server.commands import Command
 from server.link import Decoder, Frame, encode
-from server.messages import Command, Motors, Status
+from server.messages import Motors, Status
 
 Told = TypeVar("Told", Motors, Status)
 

@@ -14,7 +14,7 @@ from bench.benchmark import Row
 from bench.boards import Rider, hall
 from bench.hazards import FALLEN_TILT, HAZARDS, LOST_TILT, off_beyond, suffer
 from firmware.virtual import Radio
-from server.messages import ArmCommand
+from server.commands import ArmCommand
 from tests.firmware.avr_robot import Driven
 from tests.firmware.avr_tools import need_simavr
 from tests.firmware.virtual_wire import DRIVE, arm_command, drive_command, frames, newest_time, stop_command

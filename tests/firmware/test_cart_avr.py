@@ -10,7 +10,8 @@ import pytest
 from firmware.virtual import load_world
 from firmware.virtual.avr.cart import ENABLES, FORWARD, MS_CYCLES, REVERSE
 from firmware.virtual.bumper_cart import CartBuild, VirtualCart
-from server.messages import Cart, RunCommand, Status, StopCommand, UploadCommand
+from server.commands import RunCommand, StopCommand, UploadCommand
+from server.messages import Cart, Status
 from slam.cart_odometry import LEFT, MIDDLE, RIGHT
 from tests.firmware.avr_robot import RAM
 from tests.firmware.avr_tools import need_simavr

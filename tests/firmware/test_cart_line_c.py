@@ -13,8 +13,9 @@ from firmware.virtual import load_world
 from firmware.virtual.bumper_cart import CartBuild, VirtualCart, run_cart
 from firmware.virtual.native import native
 from server import channels
+from server.commands import ArmCommand, DriveCommand, PowersCommand, RunCommand, StopCommand, UploadCommand
 from server.link import Frame, encode
-from server.messages import ArmCommand, CartStage, DriveCommand, PowersCommand, RunCommand, StopCommand, UploadCommand
+from server.messages import CartStage
 from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN
 from tests.firmware.cart_host import CartHost
 

@@ -6,7 +6,8 @@ import pytest
 
 from firmware.virtual.avr.motor_board import MS_CYCLES, AvrMotorBoard
 from firmware.virtual.motor_board import MotorBoard
-from server.messages import Motors, PowersCommand, Status, StopCommand
+from server.commands import PowersCommand, StopCommand
+from server.messages import Motors, Status
 from tests.firmware.avr_robot import RAM
 from tests.firmware.avr_tools import need_simavr
 from tests.firmware.motor_host import Host

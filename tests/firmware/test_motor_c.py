@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from firmware.virtual.motor_board import MotorBoard
 from firmware.virtual.native import native
 from server import channels
+from server.commands import ArmCommand, DriveCommand, PowersCommand, StopCommand
 from server.link import Frame, encode
-from server.messages import ArmCommand, DriveCommand, Motors, PowersCommand, Status, StopCommand
+from server.messages import Motors, Status
 from server.session import Session
 from tests.firmware.motor_host import Host
 

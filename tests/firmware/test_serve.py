@@ -13,8 +13,9 @@ import pytest
 from firmware.virtual import VirtualCrunch
 from firmware.virtual.__main__ import main
 from firmware.virtual.serve import serve_pty, serve_tcp
+from server.commands import PowersCommand
 from server.link import Decoder
-from server.messages import Drive, PowersCommand
+from server.messages import Drive
 from server.robots.kinds import LASER
 from server.robots.maze_runner import MazeRunner, MazeRunnerParams
 from server.session import session_of

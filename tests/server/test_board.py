@@ -25,7 +25,7 @@ from server import flash
 from server.board import settings_table
 from server.boards import Errands, Heard, both, setting
 from server.channels import Calibration
-from server.messages import AdjustCommand
+from server.commands import AdjustCommand
 from server.session import Session
 from tests.firmware.avr_tools import need_simavr
 from tests.firmware.virtual_wire import room

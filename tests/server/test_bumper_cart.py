@@ -11,19 +11,9 @@ import pytest
 from firmware.virtual import load_world
 from firmware.virtual.bumper_cart import CartBuild, VirtualCart
 from firmware.virtual.radio import Radio
+from server.commands import RunCommand, StopCommand, UploadCommand
 from server.filter_worker import estimate_of
-from server.messages import (
-    Arm,
-    Cart,
-    CartStage,
-    Drive,
-    Goal,
-    Keyframe,
-    RunCommand,
-    Stop,
-    StopCommand,
-    UploadCommand,
-)
+from server.messages import Arm, Cart, CartStage, Drive, Goal, Keyframe, Stop
 from server.robots.bumper_cart import KEPT, LOST, BumperCart, BumperCartParams, make_estimator, runs_of
 from server.session import session_of
 from slam.cart_odometry import BACK, DRIVE, LEFT, MIDDLE, RIGHT, TURN, CartParams, Stage, raw_path

@@ -13,25 +13,9 @@ from pydantic import ValidationError
 
 from server import channels, link
 from server.channels import CHANNELS, DRIVE, MOTOR, SENSOR, Calibration, Refused, decode, encode_command, read
+from server.commands import ArmCommand, DriveCommand, PowersCommand, RunCommand, StopCommand, UploadCommand
 from server.link import Frame
-from server.messages import (
-    ArmCommand,
-    Balance,
-    Cart,
-    CartStage,
-    DriveCommand,
-    LastWords,
-    Motors,
-    Power,
-    PowersCommand,
-    Ranges,
-    RunCommand,
-    Setting,
-    Status,
-    StopCommand,
-    UploadCommand,
-    Wheels,
-)
+from server.messages import Balance, Cart, CartStage, LastWords, Motors, Power, Ranges, Setting, Status, Wheels
 from slam.cart_odometry import BACK, TURN, Stage
 from slam.cart_odometry import DRIVE as DRIVE_STAGE
 

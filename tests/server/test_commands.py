@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from server import channels
 from server.channels import CHANNELS, DRIVE, HOST, MOTOR, SENSOR, encode_command
-from server.messages import AdjustCommand, ArmCommand, DriveCommand, PowersCommand, StopCommand
+from server.commands import AdjustCommand, ArmCommand, DriveCommand, PowersCommand, StopCommand
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-6.0, 6.0), st.integers(0, 255), st.integers(0, 65535))

@@ -7,22 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from server.messages import (
-    Arm,
-    ArmCommand,
-    Balance,
-    Drive,
-    DriveCommand,
-    Estimate,
-    Goal,
-    LastWords,
-    Odometry,
-    Power,
-    Ranges,
-    Status,
-    Stop,
-    StopCommand,
-)
+from server.commands import ArmCommand, DriveCommand, StopCommand
+from server.messages import Arm, Balance, Drive, Estimate, Goal, LastWords, Odometry, Power, Ranges, Status, Stop
 from server.robots.crunch import Crunch
 from server.status import robot_status
 from slam.local_map import LocalMapParams

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.messages import Drive, DriveCommand, Goal, StopCommand
+from server.commands import DriveCommand, StopCommand
+from server.messages import Drive, Goal
 from server.robots.pilot import Course, Pilot, Reins, detour
 from slam.vfh import Vfh, VfhParams
 

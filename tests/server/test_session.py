@@ -9,23 +9,9 @@ from cobs import cobs
 
 from server import channels, link
 from server.channels import Calibration
+from server.commands import ArmCommand, DriveCommand, PowersCommand, StopCommand
 from server.link import Frame
-from server.messages import (
-    Arm,
-    ArmCommand,
-    Drive,
-    DriveCommand,
-    Effect,
-    Goal,
-    Message,
-    Motors,
-    PowersCommand,
-    Ranges,
-    Status,
-    Stop,
-    StopCommand,
-    Wheels,
-)
+from server.messages import Arm, Drive, Effect, Goal, Message, Motors, Ranges, Status, Stop, Wheels
 from server.recording import Header, Kind, LinkName, Reader, Recorder
 from server.session import Session, command_of
 
