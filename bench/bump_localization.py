@@ -41,7 +41,7 @@ SENSITIVE = {
 
 
 class Case(NamedTuple):
-    """A rule in a room; what is told of the cart is the usual, `changed` by a factor; `width` is how it is built."""
+    """A rule in a room; what is told of the cart is the usual, `changed` by a factor; the rest is how it is built."""
 
     rule: str
     particles: int = PARAMS.particles
@@ -51,6 +51,8 @@ class Case(NamedTuple):
     changed: str = ""
     factor: float = 1.0
     width: float = CartParams().bumper_width
+    is_matched: bool = False
+    is_coarse: bool = False
 
 
 def localizer_of(case: Case, area: Area, seed: int) -> BumpLocalizer | Survivors:
@@ -86,7 +88,7 @@ def run(case: Case, seed: int) -> Record:
     """One cart's way."""
     world, build = load_world(case.room), CartBuild(bumper_width=case.width)
     area = area_of(closed_outlines(world.segments, world.name))
-    stages, truth = run_cart(world, seed, case.hits, build=build)
+    stages, truth = run_cart(world, seed, case.hits, None, build, case.is_matched, case.is_coarse)
     poses = truth[1:]
     carried = case.hits if case.is_carried else 0
     if carried:

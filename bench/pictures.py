@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from bench.beams import BEAMS, PUBLISHED
 from bench.calibration import DRIVES, VIEWS
+from bench.cart_pictures import bump_lessons, bump_sensitivity, bumps
 from bench.claims.plots import STYLE, WAYS, panel, picture
 from bench.laser_pictures import basin, laser_memory, maze_turns
 from bench.recordings import CACHE, ROOT
@@ -100,12 +101,20 @@ def beams(result: Result) -> Figure:
 PICTURES: dict[str, Callable[[Result], Figure]] = {
     "basin": basin,
     "beams": beams,
+    "bump-lessons": bump_lessons,
+    "bump-sensitivity": bump_sensitivity,
+    "bumps": bumps,
     "calibration": calibration,
     "laser-memory": laser_memory,
     "maze-turns": maze_turns,
     "scale": scale,
 }
-FILES = {"maze-turns": "turn-rate"}  # those that are not called as the benchmark is
+FILES = {
+    "bump-lessons": "bumper-cart-lessons",
+    "bump-sensitivity": "bumper-cart-sensitivity",
+    "bumps": "bumper-cart-localized",
+    "maze-turns": "turn-rate",
+}  # those that are not called as the benchmark is
 
 
 def main() -> None:
