@@ -17,7 +17,8 @@ from pydantic import Field
 from slam.params import Params
 from slam.walls import Walls
 
-NEIGHBOURS = 3  # on either side, at most, that tell a wall's direction
+NEIGHBOURS = 3  # on either side, at most, that tell a wall's direction,
+STRETCH = 0.08  # m of it on either side, if so many lie nearer: of less, ends that err by 1 cm tell no direction
 APART = 4.0  # times that two beams part, and neighbouring ends may still be one wall
 FLATTEST = 0.1  # variance of a wall's ends across it, of that along it, at most
 
@@ -93,7 +94,7 @@ def distance(points, i, j):
 
 @njit(cache=True)
 def scan_normals(points, ways, ranges, spacing, jump):
-    """Normals (n, 2) of the lines through up to three neighbours on either side; zeros where these make no line.
+    """Normals (n, 2) of the lines through neighbours on either side, up to three or `STRETCH`; zeros where none is.
 
     A wall goes on from one end to the next while they lie nearer than `jump`, or than beams that part by `spacing` rad
     make certain.
@@ -103,9 +104,17 @@ def scan_normals(points, ways, ranges, spacing, jump):
     for i in range(n):
         first, last = i, i
         reach = max(jump, APART * spacing * ranges[i])
-        while first > max(0, i - NEIGHBOURS) and distance(points, first, first - 1) < reach:
+        while (
+            first > 0
+            and (i - first < NEIGHBOURS or distance(points, i, first) < STRETCH)
+            and distance(points, first, first - 1) < reach
+        ):
             first -= 1
-        while last < min(n - 1, i + NEIGHBOURS) and distance(points, last, last + 1) < reach:
+        while (
+            last < n - 1
+            and (last - i < NEIGHBOURS or distance(points, i, last) < STRETCH)
+            and distance(points, last, last + 1) < reach
+        ):
             last += 1
         if last - first < 2:
             continue

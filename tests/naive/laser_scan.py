@@ -10,11 +10,13 @@ def line_through(points):
 
 
 def one_wall(points, i, reach):
-    """Points around the i-th, up to three on either side, as far as neighbours lie nearer than `reach`."""
+    """Points around the i-th, up to three on either side or 8 cm, as far as neighbours lie nearer than `reach`."""
     wall = [points[i]]
     for way in (-1, 1):
         last = i
-        while abs(last + way - i) <= 3 and 0 <= last + way < len(points):
+        while 0 <= last + way < len(points):
+            if abs(last + way - i) > 3 and np.linalg.norm(points[last] - points[i]) >= 0.08:
+                break
             if np.linalg.norm(points[last + way] - points[last]) >= reach:
                 break
             last += way
