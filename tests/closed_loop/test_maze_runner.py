@@ -17,7 +17,7 @@ from server.commands import PowersCommand, StopCommand
 from server.headless import BOARD, SETTINGS, STEP, Headless
 from server.messages import Drive, Goal, Stop
 from server.robots.maze_runner import MazeRunner
-from slam.pose import between, compose, inverse, transform
+from slam.pose import between, compose, inverse, transform, wrap
 
 PARAMS = SETTINGS.maze_runner
 
@@ -87,6 +87,17 @@ def test_it_knows_where_it_is_though_its_motors_lie():
     assert abs(off[2]) < 0.03
     reckoned = between(true, loop.robot.reckoning.pose)
     assert math.hypot(reckoned[0], reckoned[1]) + abs(reckoned[2]) > 0.1
+
+
+def test_turned_slowly_in_a_corner_it_follows_the_walls_and_not_its_motors():
+    """They turn it at half the rate that they were told, a hand's breadth from walls."""
+    loop = loop_in("small", 5)
+    loop.run(0.1)
+    start = loop.virtual.pose
+    loop.run(22.0, Drive(0.0, 0.0, 0.3))
+    turned = between(start, loop.virtual.pose)[2]
+    assert abs(wrap(loop.robot.reckoning.pose[2] - turned)) > 0.3
+    assert abs(wrap(loop.robot.here()[2] - turned)) < 0.03
 
 
 @pytest.mark.parametrize("seed", [1, 2])
