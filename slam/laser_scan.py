@@ -18,7 +18,7 @@ from slam.params import Params
 from slam.walls import Walls
 
 NEIGHBOURS = 3  # on either side, at most, that tell a wall's direction,
-STRETCH = 0.08  # m of it on either side, if so many lie nearer: of less, ends that err by 1 cm tell no direction
+STRETCHES = 0.03, 0.08  # or all so near (m), and where these make no line, so near: ends of beams err by some 1 cm
 APART = 4.0  # times that two beams part, and neighbouring ends may still be one wall
 FLATTEST = 0.1  # variance of a wall's ends across it, of that along it, at most
 
@@ -92,9 +92,27 @@ def distance(points, i, j):
     return math.hypot(points[i, 0] - points[j, 0], points[i, 1] - points[j, 1])
 
 
+@njit(cache=True, inline="always")
+def one_wall(points, i, reach, stretch):
+    """The first of the points around one that are a wall with it, and the one after the last.
+
+    It goes on to three neighbours on either side, or as far as `stretch` m, while neighbours lie nearer than `reach`.
+    """
+    first, last = i, i
+    while first > 0 and (i - first < NEIGHBOURS or distance(points, i, first) < stretch):
+        if distance(points, first, first - 1) >= reach:
+            break
+        first -= 1
+    while last < points.shape[0] - 1 and (last - i < NEIGHBOURS or distance(points, i, last) < stretch):
+        if distance(points, last, last + 1) >= reach:
+            break
+        last += 1
+    return first, last + 1
+
+
 @njit(cache=True)
 def scan_normals(points, ways, ranges, spacing, jump):
-    """Normals (n, 2) of the lines through neighbours on either side, up to three or `STRETCH`; zeros where none is.
+    """Normals (n, 2) of the lines through ends and their neighbours; zeros where these make no line.
 
     A wall goes on from one end to the next while they lie nearer than `jump`, or than beams that part by `spacing` rad
     make certain.
@@ -102,27 +120,16 @@ def scan_normals(points, ways, ranges, spacing, jump):
     n = points.shape[0]
     normals = np.zeros((n, 2))
     for i in range(n):
-        first, last = i, i
         reach = max(jump, APART * spacing * ranges[i])
-        while (
-            first > 0
-            and (i - first < NEIGHBOURS or distance(points, i, first) < STRETCH)
-            and distance(points, first, first - 1) < reach
-        ):
-            first -= 1
-        while (
-            last < n - 1
-            and (last - i < NEIGHBOURS or distance(points, i, last) < STRETCH)
-            and distance(points, last, last + 1) < reach
-        ):
-            last += 1
-        if last - first < 2:
-            continue
-        x, y, flatness = line_through(points, first, last + 1)
-        if flatness > FLATTEST:
-            continue
-        side = -1.0 if x * ways[i, 0] + y * ways[i, 1] > 0.0 else 1.0
-        normals[i, 0], normals[i, 1] = side * x, side * y
+        for stretch in STRETCHES:
+            first, end = one_wall(points, i, reach, stretch)
+            if end - first < 3:
+                break
+            x, y, flatness = line_through(points, first, end)
+            if flatness <= FLATTEST:
+                side = -1.0 if x * ways[i, 0] + y * ways[i, 1] > 0.0 else 1.0
+                normals[i, 0], normals[i, 1] = side * x, side * y
+                break
     return normals
 
 

@@ -9,13 +9,13 @@ def line_through(points):
     return axes[:, 0], variances[0] / variances[1]
 
 
-def one_wall(points, i, reach):
-    """Points around the i-th, up to three on either side or 8 cm, as far as neighbours lie nearer than `reach`."""
+def one_wall(points, i, reach, stretch):
+    """Points around the i-th: three on either side or within `stretch`, while neighbours lie nearer than `reach`."""
     wall = [points[i]]
     for way in (-1, 1):
         last = i
         while 0 <= last + way < len(points):
-            if abs(last + way - i) > 3 and np.linalg.norm(points[last] - points[i]) >= 0.08:
+            if abs(last + way - i) > 3 and np.linalg.norm(points[last] - points[i]) >= stretch:
                 break
             if np.linalg.norm(points[last + way] - points[last]) >= reach:
                 break
@@ -28,10 +28,12 @@ def scan_normals(points, ways, ranges, spacing, jump):
     """Normals (n, 2) against the beams; zeros where fewer than three points are one wall, or they are as wide."""
     normals = np.zeros((len(points), 2))
     for i, (way, distance) in enumerate(zip(ways, ranges, strict=True)):
-        wall = one_wall(points, i, max(jump, 4.0 * spacing * distance))
-        if len(wall) < 3:
-            continue
-        normal, flatness = line_through(wall)
-        if flatness <= 0.1:
-            normals[i] = -normal if normal @ way > 0.0 else normal
+        for stretch in (0.03, 0.08):
+            wall = one_wall(points, i, max(jump, 4.0 * spacing * distance), stretch)
+            if len(wall) < 3:
+                continue
+            normal, flatness = line_through(wall)
+            if flatness <= 0.1:
+                normals[i] = -normal if normal @ way > 0.0 else normal
+                break
     return normals
