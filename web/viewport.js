@@ -11,6 +11,7 @@ export class Viewport {
   constructor(canvas) {
     this.canvas = canvas;
     this.scale = 40; // pixels per metre
+    this.closeness = 1; // from how much nearer than a building what is shown is looked at
     this.centre = [0, 0]; // m
     this.pointers = new Map();
     this.drawing = new Drawing(canvas, (...args) => this.draw(...args));
@@ -52,16 +53,21 @@ export class Viewport {
   show([left, bottom, right, top]) {
     const { width, height } = this.drawing;
     this.centre = [(left + right) / 2, (bottom + top) / 2];
-    this.scale = clamp(Math.min(FIT_SCALE, 0.86 * width / (right - left + 1), 0.86 * height / (top - bottom + 1)));
+    const [margin, nearest] = [1 / this.closeness, FIT_SCALE * this.closeness];
+    this.scale = this.clamp(Math.min(nearest, 0.86 * width / (right - left + margin), 0.86 * height / (top - bottom + margin)));
     this.drawing.request();
   }
 
   zoom(factor, x = this.drawing.width / 2, y = this.drawing.height / 2) {
     const before = this.toWorld(x, y);
-    this.scale = clamp(this.scale * factor);
+    this.scale = this.clamp(this.scale * factor);
     const after = this.toWorld(x, y);
     this.centre = [this.centre[0] + before[0] - after[0], this.centre[1] + before[1] - after[1]];
     this.drawing.request();
+  }
+
+  clamp(scale) {
+    return Math.min(MAX_SCALE * this.closeness, Math.max(MIN_SCALE, scale));
   }
 
   drag(event) {
@@ -104,10 +110,6 @@ export class Viewport {
     context.restore();
     drawScale(context, this.scale, width, height);
   }
-}
-
-function clamp(scale) {
-  return Math.min(MAX_SCALE, Math.max(MIN_SCALE, scale));
 }
 
 function drawScale(context, scale, width, height) {
