@@ -105,7 +105,7 @@ class Control:
                     self._check_stop()
                 self._lead(viewer, t)
                 if not word.armed:
-                    self.stops.note(t, "disarmed", viewer)
+                    self.stops.note(t, "the run was ended" if self.runs_itself else "disarmed", viewer)
                     self.autopilot = self.autopilot and False
                 return [*([] if word.armed else self._halt(t)), Arm(t, word.armed)]
             case AutopilotWord():
