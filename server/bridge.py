@@ -105,7 +105,7 @@ class Bridge:
         if not control.runs_itself:
             self.layers.add("route", lambda snapshot: route_view(snapshot, self.navigator.standing))
             self.layers.add("suggestions", lambda snapshot: suggestions_view(self.adviser.suggestions), every=10)
-        self.dashboard = Dashboard(self.propose)
+        self.dashboard = Dashboard(None if control.runs_itself else self.propose)
         self.pulse = Pulse()
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None

@@ -75,6 +75,11 @@ def survey_of(snapshot: Snapshot, motion: MotionParams | None = None) -> Survey:
     )
 
 
+def titled(robot: str) -> str:
+    """A robot's name as people write it: Bumper Cart for bumper_cart."""
+    return robot.replace("_", " ").title()
+
+
 def in_frame(survey: Survey, frame: np.ndarray) -> Survey:
     """The same survey with its world's axes laid where a frame (3,) stands in it."""
     frame = np.asarray(frame, float)

@@ -13,7 +13,7 @@ layer("bump_space", { label: "Bump space", z: 5, isStill: true, draw: drawBumpSp
 layer("map_so_far", { label: "Map so far", z: 10, isStill: true, draw: drawMap });
 layer("raw_path", { label: "Raw path, end to end", z: 15, isStill: true, draw: drawRawPath });
 layer("bars", { label: "Bumper at each bump", z: 17, isStill: true, topic: "path", suits: (has) => has("raw_path"), draw: drawBars });
-layer("clusters", { label: "Places where it may be", z: 45, draw: drawClusters });
+layer("clusters", { label: "Places where it may be", z: 62, draw: drawClusters });
 
 /** Curves in metres of a frame of topic `map_so_far`. */
 export function curvesOf({ header, arrays }) {

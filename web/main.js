@@ -26,10 +26,10 @@ import { Scene } from "./scene.js";
 import { Suggestions } from "./suggestions.js";
 import { offerThemes } from "./theme.js";
 import { toast } from "./toast.js";
+import { closenessOf } from "./viewport.js";
 
 const $ = (id) => document.getElementById(id);
 const TURN = 250; // ms between two looks at how fresh the picture is
-const NEARER = 6; // times, a robot of a few centimetres is looked at
 
 const recording = askedRecording();
 const connection = recording === null ? new Connection() : new Connection(streamOf(recording));
@@ -133,7 +133,7 @@ function showStatus(status) {
   driver.maxTurn = who.max_turn;
   driver.runsItself = who.runs_itself;
   document.body.classList.toggle("runs-itself", who.runs_itself);
-  map.comeNear(who.runs_itself ? NEARER : 1);
+  map.comeNear(closenessOf(robot.name));
   run.show(robot);
   $("limit").max = who.max_speed;
   $("drive-state").textContent = driveText(status, isMine);

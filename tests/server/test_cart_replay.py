@@ -74,14 +74,15 @@ def test_where_it_may_have_been_is_told_bump_by_bump(run, tmp_path):
         assert shares == sorted(shares, reverse=True)
         assert sum(shares) <= 1.0 + 1e-3 * len(shares)
         assert [int(row["place"]) for row in places] == list(range(len(places)))
-        assert all(row["localized"] == str(int(shares[0] >= 0.95)) for row in places)
+        assert all(row["localized"] == places[0]["localized"] for row in places)
+        assert shares[0] >= 0.95 or places[0]["localized"] == "0"
     assert report.localization is not None
     assert report.localization.localized
     since = report.localization.since_vertex
     assert since is not None
     is_found = [row["localized"] == "1" for row in rows if row["place"] == "0"]
     assert all(is_found[since:])
-    assert not is_found[since - 1]
+    assert since == 0 or not is_found[since - 1]
     assert report.localization.shares == [
         float(row["share"]) for row in rows if int(row["vertex"]) == len(is_found) - 1
     ]

@@ -73,6 +73,9 @@ def test_a_map_that_looks_alike_is_seen_as_two_places_and_told_so():
     one, other = view.arrays["shares"][:2]
     assert one == pytest.approx(other, abs=0.01)
     assert one > 0.4
+    assert seen.belief is not None
+    for place, (xx, xy, yy) in zip(seen.belief.clusters, view.arrays["covariances"], strict=True):
+        np.testing.assert_allclose(place.covariance[:2, :2], [[xx, xy], [xy, yy]], rtol=1e-5)
     assert (told.localized, len(told.places)) == (False, len(view.arrays["shares"]))
     assert told.words.startswith("Not localized: it may be in ")
     assert f"{100 * one:.0f} %" in told.words

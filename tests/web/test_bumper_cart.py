@@ -15,7 +15,8 @@ from tests.web.conftest import LISTEN, UNHURRIED, Open, Watched
 from tests.web.test_access import LOOKS, check
 
 FLAGS = ("--robot", "bumper_cart", "--world", "rectangle", "--speed", "5", "--seed", "2", *UNHURRIED)
-OWN = ["Places where it may be", "Particles", "Path, by certainty", "Bumper at each bump", "Raw path, end to end"]
+NAMES = "Names of places"
+OWN = ["Particles", "Path, by certainty", "Bumper at each bump", "Raw path, end to end", "Map so far"]
 PLACES = "String(crunch.map.frames.clusters.arrays.poses.values)"
 WORDS = "document.getElementById('whereabouts').textContent"
 LOOK = """(() => {
@@ -88,7 +89,7 @@ def test_before_its_first_bump_it_may_be_anywhere_and_nobody_is_offered_to_drive
     for hidden in ("#stick", "#limit", "#drive-keys", "#local-panel", "#histogram-panel", "#profile-panel", "#disarm"):
         assert page.is_hidden(hidden), hidden
     assert page.inner_text("#health-figures") == "Bumper Cart, virtual"
-    assert offered(watched) == ["Names of places", *OWN, "Map so far", "Bump space", "Grid"]
+    assert offered(watched) == ["Places where it may be", NAMES, *OWN, "Bump space", "Grid"]
     watched.value(LISTEN)
     page.keyboard.press("w")
     page.locator("#map").click(position={"x": 300, "y": 300})
@@ -130,7 +131,7 @@ def test_each_of_its_layers_is_drawn_and_switched_off(visit: Open, known: Served
     watched.wait("crunch.map.frames.raw_path.arrays.bumpers.shape[0] > 0")
     names = offered(watched)
     watched.page.wait_for_timeout(1000)  # the last frames of the run
-    for name in names[1:]:  # names of places are none yet
+    for name in [name for name in names if name != NAMES]:  # there are none
         switch = watched.page.get_by_role("switch", name=name, exact=True)
         watched.take_up()
         before = watched.value(LOOK)
@@ -168,7 +169,7 @@ def test_its_page_is_for_everybody(visit: Open, known: Served, look: dict[str, A
 def test_in_an_area_that_nobody_knows_the_map_grows_from_its_bumps(visit: Open, unknown: Served):
     watched = opened(visit, unknown)
     assert watched.page.is_hidden("#whereabouts")
-    assert offered(watched) == ["Names of places", *OWN[1:], "Map so far", "Grid"]
+    assert offered(watched) == [NAMES, *OWN, "Grid"]
     assert not watched.value("crunch.map.frames.map_so_far.header.is_given")
     begin(watched, unknown, 12)
     watched.wait("crunch.map.frames.map_so_far.arrays.lengths.values.length > 0")
