@@ -202,6 +202,7 @@ def test_its_map_is_kept_and_turned_like_any_other(world, is_given):
     turned = in_frame(again, frame)
     floor = floor_of(turned)
     np.testing.assert_allclose(transform(frame, floor.walls[0]), seen.walls[0], atol=1e-9)
+    assert floor.settled == 0
     assert floor.grid is not None
     assert (floor.grid.cells == 100).any()
     if is_given:
