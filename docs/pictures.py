@@ -1,7 +1,7 @@
 """Takes the page's pictures, in a real browser on a virtual robot.
 
 Every panel and every state, on a desk and on a phone, in light and dark: `.venv/bin/python docs/pictures.py [FOLDER]`;
-with `--docs` those in `docs/images` are renewed too.
+with `--docs` those in `docs/images` are renewed too, with `--robot` only one robot's are taken.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import itertools
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -36,10 +37,10 @@ SLOW = 120_000  # ms; a first comparison compiles, the third dimension is drawn 
 WELCOMED = "localStorage.setItem('welcomed', 'yes')"
 OFFLINE = '#connection[data-state="bad"]'
 SHOWN = {
-    "dashboard": "desk-light",
-    "phone": "phone-dark",
-    "replay": "desk-dark-replay",
-}  # in README.md and docs/page.md
+    "crunch": {"dashboard": "desk-light", "phone": "phone-dark", "replay": "desk-dark-replay"},
+    "bumper_cart": {"bumper-cart-page": "desk-light-two-places"},
+}  # in README.md and docs, by whose page it is
+BUMPS = 18  # of the cart in the picture
 
 
 class Studio(NamedTuple):
@@ -157,12 +158,27 @@ def keep_map(served: Served, browser: Browser, name: str) -> None:
     context.close()
 
 
-def main(folder: Path, vertices: int) -> None:
+def cart(browser: Browser, folder: Path) -> None:
+    """Bumper Cart on a map that looks alike after half a turn, so that it may be in two places, and without a map."""
+    flags = ("--robot", "bumper_cart", "--world", "rectangle", "--seed", "3", "--speed", "4", "--particles", "2000")
+    flags = (*flags, "--set", f"bumper_cart.run.bumps={BUMPS}")
+    for state, given in (("two-places", ("--map", "rectangle")), ("own-map", ())):
+        with tempfile.TemporaryDirectory() as place, demo(Path(place), *flags, *given) as served:
+            studios = [Studio(browser, served, *way, folder) for way in itertools.product(SCREENS, SCHEMES)]
+            for studio in studios:
+                page = studio.visit()
+                if studio is studios[0]:
+                    page.click("#arm")
+                    wait_until(lambda served=served: served.status()["map"]["vertices"] >= BUMPS, 600.0)
+                page.wait_for_selector("#arm:not([hidden])")
+                studio.take(page, state)
+                page.context.close()
+
+
+def crunch(browser: Browser, folder: Path, vertices: int) -> None:
     """Each picture of each state, on each device and in each scheme."""
-    folder.mkdir(parents=True, exist_ok=True)
     flags = ("--autopilot", "--speed", "2", "--particles", "2000")
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_browser(), headless=True, args=[*FLAGS, *WEBGL])
+    with tempfile.TemporaryDirectory() as place:
         with demo(Path(place), *flags) as served:
             for share, name in ((0.6, "Before lunch"), (1.0, "Whole drive")):
                 wait_until(lambda share=share: served.status()["map"]["vertices"] >= share * vertices, 600.0)
@@ -180,6 +196,17 @@ def main(folder: Path, vertices: int) -> None:
         for studio, page in left:
             page.wait_for_selector(OFFLINE)
             studio.take(page, "offline")
+
+
+def main(folder: Path, robots: Sequence[str], vertices: int) -> None:
+    """The pictures of the pages of these robots."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_browser(), headless=True, args=[*FLAGS, *WEBGL])
+        if "crunch" in robots:
+            crunch(browser, folder, vertices)
+        if "bumper_cart" in robots:
+            cart(browser, folder)
         browser.close()
 
 
@@ -188,8 +215,10 @@ if __name__ == "__main__":
     parser.add_argument("folder", nargs="?", type=Path, default=Path("pictures"))
     parser.add_argument("--vertices", type=int, default=VERTICES, help="of the map that is shown")
     parser.add_argument("--docs", action="store_true", help="renew docs/images too")
+    parser.add_argument("--robot", choices=list(SHOWN), action="append", help="whose page is shown (default: all)")
     chosen = parser.parse_args()
-    main(chosen.folder, chosen.vertices)
+    wanted = chosen.robot or list(SHOWN)
+    main(chosen.folder, wanted, chosen.vertices)
     if chosen.docs:
-        for name, source in SHOWN.items():
+        for name, source in (image for robot in wanted for image in SHOWN[robot].items()):
             shutil.copyfile(chosen.folder / f"{source}.png", ROOT / "docs" / "images" / f"{name}.png")

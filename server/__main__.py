@@ -23,6 +23,7 @@ from server.terminal import (
     Assignments,
     Avr,
     Beams,
+    CartMap,
     ConfigFile,
     MaxRange,
     OneRobot,
@@ -80,7 +81,6 @@ Record = Annotated[bool, typer.Option("--record/--no-record", help="Keep the byt
 Name = Annotated[str, typer.Option(help="What to call the session.", show_default="none")]
 WORLD = "A built-in world (demo, cut-rectangle, maze:medium:3, polygon:3) or a file: TOML, CARMEN .map, ROS .yaml."
 LASER = "The line of a laser that speaks SCIP 2.0, in the same forms."
-CART_MAP = "Where Bumper Cart drove, to be found there: a world as of simulate's --world."
 PLAN = "A built-in drive plan (demo, corridor50) or a TOML file."
 DRIFT = "How badly odometry errs: none, low, medium or high."
 MOUSE = "The line of an optical mouse on the floor, mouse:/dev/input/mouse0; repeatable."
@@ -117,21 +117,24 @@ def demo(
     preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
+    where: CartMap = None,
 ) -> None:
     """Drive a virtual robot in the browser and watch its map grow.
 
     It speaks the same bytes as the real one. W A S D or the arrow keys drive, space stops; with --autopilot Crunch
-    drives a plan, and Maze Runner explores its maze.
+    drives a plan, and Maze Runner explores its maze. Bumper Cart runs by itself once it is told to on the page.
 
     \b
         crunch demo --autopilot
         crunch demo --robot maze_runner --autopilot --world maze:large:4
+        crunch demo --robot bumper_cart --map cut-rectangle
         crunch demo --port 8080 --no-browser --world corridor50
         crunch demo --avr
     """
     from server.demo import run_demo
 
-    options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
+    settings = live_settings(robot, settings_flags(preset, particles, robot, where), config, assignments)
+    options = live_options(robot, settings, host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
     raise typer.Exit(run_demo(options, autopilot, world, plan, known_drift(drift), speed, build_of(avr), mice))
 
@@ -157,6 +160,7 @@ def serve(
     preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
+    where: CartMap = None,
 ) -> None:
     """Drive a real robot in the browser, map with it, and record everything it says.
 
@@ -172,7 +176,8 @@ def serve(
     """
     from server.live import run_serve
 
-    options = live_options(robot, live_settings(robot, config, preset, particles, assignments), host, port, browser)
+    settings = live_settings(robot, settings_flags(preset, particles, robot, where), config, assignments)
+    options = live_options(robot, settings, host, port, browser)
     options = replace(options, seed=seed, threads=threads, recordings=recordings if record else None, name=name)
     raise typer.Exit(run_serve(links or [], options, laser, autopilot, mice or []))
 
@@ -190,7 +195,7 @@ def replay(
     preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
-    where: Annotated[str | None, typer.Option("--map", metavar="WORLD", help=CART_MAP)] = None,
+    where: CartMap = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
     """Make a map from a log: recordings of crunch, logs of a laser, bags of a Crazyflie, or eight sonars (sonar8).
@@ -209,9 +214,8 @@ def replay(
 
     Bumper Cart is found on the --map, its poses then lie in the map's frame; without one it makes a map of its bumps.
     OUT then holds trajectory.tum, map.png, map.pgm with map.yaml, map.json, path.g2o, profile.csv and report.json
-    (docs/outputs.md).
+    (docs/outputs.md), and clusters.csv of who was found on a map.
     """
-    from server.config import check_robot
     from server.replay import Options, open_log
     from server.replay import replay as run
 
@@ -219,10 +223,7 @@ def replay(
     for path, folder in zip(logs, folders_for(logs, out), strict=True):
         log = open_log(path, beams, max_range, robot)
         name = robot or log.robot or "crunch"
-        flags = settings_flags(preset, particles, name)
-        if where is not None:
-            check_robot(name, ("bumper_cart",), "robots that are found on a map")
-            flags = {**flags, name: {**flags.get(name, {}), "map": where}}
+        flags = settings_flags(preset, particles, name, where)
         options = Options(name, seed, threads, beams, max_range, config, flags, assignments or ())
         with progress_bar(path.name, log.n_odometry, quiet) as progress:
             report = run(path, folder, options, progress, log)

@@ -102,9 +102,10 @@ class Bridge:
         self.layers = Layers(self.hub)
         self.navigator = Navigator(navigation)
         self.adviser = Adviser(navigation.suggestions, navigation.cost)
-        self.layers.add("route", lambda snapshot: route_view(snapshot, self.navigator.standing))
-        self.layers.add("suggestions", lambda snapshot: suggestions_view(self.adviser.suggestions), every=10)
-        self.dashboard = Dashboard(self.propose)
+        if not control.runs_itself:
+            self.layers.add("route", lambda snapshot: route_view(snapshot, self.navigator.standing))
+            self.layers.add("suggestions", lambda snapshot: suggestions_view(self.adviser.suggestions), every=10)
+        self.dashboard = Dashboard(None if control.runs_itself else self.propose)
         self.pulse = Pulse()
         self.estimator: Estimator | None = None  # given by `live`, since its answers come back here
         self.recorder: Recorder | None = None
@@ -160,7 +161,8 @@ class Bridge:
         if isinstance(self.autopilot, Explorer):
             self.autopilot.begin()  # on another map
         has_autopilot, stopped_by = self.control.autopilot is not None, self.control.stopped_by
-        self.control = Control(self.control.params, drives_itself if has_autopilot else None)
+        autopilot = drives_itself if has_autopilot else None
+        self.control = Control(self.control.params, autopilot, self.control.runs_itself)
         self.control.stopped_by = stopped_by
         self.control.stops.remember = self.note_stop
         self.sync_autopilot()

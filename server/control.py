@@ -53,9 +53,13 @@ class Ended(Refused):
 class Control:
     """The state of remote driving. `hear` and `tick` answer with the messages that the robot is to get."""
 
-    def __init__(self, params: ControlParams, autopilot: bool | None = None):
-        """`autopilot` is None for a robot that has none, else whether it drives at the start."""
+    def __init__(self, params: ControlParams, autopilot: bool | None = None, runs_itself: bool = False):
+        """`autopilot` is None for a robot that has none, else whether it drives at the start.
+
+        Who `runs_itself` is only told when: armed it begins, and nobody's stick or goal moves it.
+        """
         self.params = params
+        self.runs_itself = runs_itself
         self.autopilot = autopilot
         self.driver: str | None = None
         self.heard = -math.inf
@@ -85,6 +89,8 @@ class Control:
 
     def hear(self, viewer: str, word: CommandWord, t: float) -> list[Message]:
         """Messages that follow from a viewer's word at time t; raises Refused."""
+        if self.runs_itself and isinstance(word, (DriveWord, GoalWord, HoldWord)):
+            raise Refused("this robot drives by itself: it can only be told to begin a run, and to end it")
         match word:
             case DriveWord():
                 return self._drive(viewer, word, t)
@@ -95,9 +101,11 @@ class Control:
             case GiveWord():
                 return self._give(viewer, word.to, t)
             case ArmWord():
+                if word.armed and self.runs_itself:
+                    self._check_stop()
                 self._lead(viewer, t)
                 if not word.armed:
-                    self.stops.note(t, "disarmed", viewer)
+                    self.stops.note(t, "the run was ended" if self.runs_itself else "disarmed", viewer)
                     self.autopilot = self.autopilot and False
                 return [*([] if word.armed else self._halt(t)), Arm(t, word.armed)]
             case AutopilotWord():

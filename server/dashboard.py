@@ -41,7 +41,7 @@ OUTDATED = -math.inf
 class Dashboard:
     """The view; `update` is called by the session at its own rate and does nothing while nobody looks."""
 
-    def __init__(self, propose: Callable[[float, float], None] = lambda x, y: None):
+    def __init__(self, propose: Callable[[float, float], None] | None = lambda x, y: None):
         """`propose` is told, in the event loop, of a place on the floor (m, world) that somebody clicked."""
         self.propose = propose
         self.server: viser.ViserServer | None = None
@@ -111,7 +111,6 @@ class Dashboard:
 
     def furnish(self, server: viser.ViserServer, robot: str) -> None:
         """The floor, the body, a switch for each layer, buttons for the camera, and the click."""
-        loop = asyncio.get_running_loop()
         server.scene.set_up_direction("+z")
         server.scene.add_grid(
             "/floor", infinite_grid=True, cell_size=0.5, section_size=5.0, cell_color=(50, 52, 58),
@@ -123,6 +122,12 @@ class Dashboard:
         with server.gui.add_folder("Layers"):
             for layer in LAYERS:
                 self.add_switch(server, layer)
+        if self.propose is not None:
+            self.listen(server)
+
+    def listen(self, server: viser.ViserServer) -> None:
+        """Take clicks on the floor for proposals."""
+        loop = asyncio.get_running_loop()
 
         @server.scene.on_click()
         def click(event: viser.SceneClickEvent) -> None:  # in a thread of viser's
@@ -153,7 +158,7 @@ class Dashboard:
 
     def take_proposal(self, place: tuple[float, float]) -> None:
         """Mark a clicked place, and hand it on."""
-        if self.server is None or self.newest is None:
+        if self.server is None or self.newest is None or self.propose is None:
             return
         draw_pole(self.server.scene, "/proposal", place, OPEN)
         self.proposed = self.newest.t

@@ -49,6 +49,8 @@ def run_demo(
         options, links = virtual_maze_runner(options, world, drift, speed, mice, build)
         return live.run(options, lambda: links, control, autopilot=autopilot, is_virtual=True)
     if ROBOTS[options.robot].bumps:
+        if autopilot:
+            raise UserError(f"a {options.robot} runs by itself once it is told to on the page; leave out --autopilot")
         links = virtual_cart_line(options, world, plan, drift, speed, mice, build)
         return live.run(options, lambda: links, control, is_virtual=True)
     from firmware import virtual  # the simulator compiles C: only who asks for it pays for it

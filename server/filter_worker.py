@@ -90,6 +90,8 @@ def estimate_of(path_filter: PathFilterLike, t: float, shown: int) -> Estimate:
         spread=certainty.spread,
         revisit_spread=certainty.revisit_spread,
         branches=certainty.branches,
+        belief=now.belief,
+        walls=now.walls,
     )
 
 

@@ -16,7 +16,7 @@ from server.messages import Snapshot
 from server.stream import Hub
 from slam.thinning import needed
 
-CENTIMETRE = 0.01
+CENTIMETRE, MILLIMETRE = 0.01, 0.001
 FURTHEST = 32767
 TILE = 16  # vertices
 
@@ -119,13 +119,18 @@ def tile_view(first: int, vertices: list[list[np.ndarray]]) -> View:
     return View({"first": first, "scale": CENTIMETRE}, {**packed, "counts": counts})
 
 
-def pack_curves(curves: list[np.ndarray]) -> dict[str, np.ndarray]:
-    """Curves, each (k, 2) in metres, as `points` (n, 2) in centimetres and `lengths` of the curves; empty ones go."""
+def pack_curves(curves: list[np.ndarray], unit: float = CENTIMETRE) -> dict[str, np.ndarray]:
+    """Curves, each (k, 2) in metres, as `points` (n, 2) in units and `lengths` of the curves; empty ones go."""
     curves = [curve for curve in curves if len(curve)]
     lengths = np.array([len(curve) for curve in curves], np.uint16)
-    return {"points": pack_points(np.concatenate(curves) if curves else np.zeros((0, 2))), "lengths": lengths}
+    return {"points": pack_points(np.concatenate(curves) if curves else np.zeros((0, 2)), unit), "lengths": lengths}
 
 
-def pack_points(points: np.ndarray) -> np.ndarray:
-    """Points (n, 2) in metres as centimetres in 16 bits: up to 327 m."""
-    return np.clip(np.round(points / CENTIMETRE), -FURTHEST, FURTHEST).astype(np.int16)
+def pack_points(points: np.ndarray, unit: float = CENTIMETRE) -> np.ndarray:
+    """Points (n, 2) in metres as units in 16 bits: of centimetres up to 327 m."""
+    return np.clip(np.round(points / unit), -FURTHEST, FURTHEST).astype(np.int16)
+
+
+def fine_unit(points: np.ndarray) -> float:
+    """Millimetres where points (..., 2) in metres fit into 16 bits of them, else centimetres."""
+    return MILLIMETRE if np.abs(points).max(initial=0.0) < MILLIMETRE * FURTHEST else CENTIMETRE

@@ -158,6 +158,7 @@ class Live:
         robot, navigation = kind.fold(params), navigation_of(options.config, options.robot)
         self.options = options
         self.links = links
+        control.runs_itself = kind.bumps
         self.bridge = Bridge(robot, session_of(options.robot, robot, params), links, control, {}, navigation)
         if kind.explores:
             own = Explorer(options.config.explorer, navigation, ThreadPoolExecutor(1, "explorer"))

@@ -16,9 +16,9 @@ from server.formats.ros_map import format_pgm, format_yaml
 from server.formats.tum import format_tum
 from server.map_files import Profile, map_json, pose_graph, profile_csv
 from server.map_picture import draw_png
-from server.maps import OccupancyMap, occupancy, path_length
+from server.maps import OccupancyMap, path_length
 from server.messages import Label
-from server.survey import Survey, floor_of
+from server.survey import Survey, floor_of, grid_of
 
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # the same map makes the same bytes
 
@@ -61,7 +61,7 @@ def yaml(sheet: Sheet) -> bytes:
 
 def grid(sheet: Sheet) -> OccupancyMap:
     """The occupancy map."""
-    return occupancy(sheet.survey.path, list(sheet.survey.walls))
+    return grid_of(sheet.survey)
 
 
 def json(sheet: Sheet) -> bytes:

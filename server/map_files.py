@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from server.formats.g2o import Graph
 from server.maps import FloorMap
 from slam.pose import between
+from slam.pose_clusters import Belief
 
 MAP_FORMAT = "crunch-map-1"
 
@@ -44,6 +46,18 @@ def profile_csv(times: np.ndarray, path: np.ndarray, profile: Profile) -> str:
     for vertex, (t, distance, nodes, deviations) in enumerate(columns):
         settled = int(vertex < profile.settled)
         rows.append(f"{vertex},{t:.6f},{distance:.3f},{nodes:.6f},{settled},{deviations}\n")
+    return "".join(rows)
+
+
+def clusters_csv(times: np.ndarray, beliefs: Sequence[Belief]) -> str:
+    """One row per vertex and place where the robot may have been then, the likeliest first; its standard deviations."""
+    rows = ["vertex,time,localized,place,share,x,y,heading,x_std,y_std,heading_std\n"]
+    for vertex, (t, belief) in enumerate(zip(times, beliefs, strict=True)):
+        for place, (pose, covariance, share) in enumerate(belief.clusters):
+            x, y, heading = pose
+            deviations = ",".join(f"{deviation:.4f}" for deviation in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+            told = f"{vertex},{t:.6f},{int(belief.is_localized)},{place},{share:.4f}"
+            rows.append(f"{told},{x:.4f},{y:.4f},{heading:.4f},{deviations}\n")
     return "".join(rows)
 
 

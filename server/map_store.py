@@ -21,7 +21,17 @@ from server.labels import MOST, Place, numbered, place_of
 from server.map_picture import draw_thumbnail, wall_box
 from server.maps import path_length
 from server.messages import Label
-from server.survey import Survey, floor_of, in_frame, labels_from_frame, labels_in_frame, pack, unpack, wall_skew
+from server.survey import (
+    Survey,
+    floor_of,
+    in_frame,
+    labels_from_frame,
+    labels_in_frame,
+    pack,
+    titled,
+    unpack,
+    wall_skew,
+)
 from server.views import SessionStatus
 
 DATABASE = "crunch.db"
@@ -261,7 +271,7 @@ def keep_session(
     store: MapStore, survey: Survey, about: SessionStatus, labels: Sequence[Label], name: str = "", note: str = ""
 ) -> StoredMap:
     """Save the map of a session, under the session's name where no other is given."""
-    name = name.strip() or about.name or f"{survey.robot.capitalize()}, {about.began.astimezone():%Y-%m-%d %H:%M}"
+    name = name.strip() or about.name or f"{titled(survey.robot)}, {about.began.astimezone():%Y-%m-%d %H:%M}"
     return store.save(survey, name, note=note, session=about.name, recording=about.recording or "", labels=labels)
 
 

@@ -7,7 +7,7 @@ its sibling `recorded` for checking sensors, and `restarts`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -32,6 +32,7 @@ from slam.hypotheses import Verdict
 from slam.odometry_chain import Chain
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
+from slam.pose_clusters import Belief
 from slam.refined_grid_filter import RefinedGridFilter
 from slam.refinement import Refined
 from slam.trajectory import correct
@@ -61,6 +62,7 @@ class Conclusion(NamedTuple):
     """The last estimate, a corrected pose (n, 3) per odometry reading, the vertices' uncertainty, and the verdict.
 
     `warnings` are for people; where there is a `floor`, it is the map, else that is drawn from what the vertices saw.
+    `beliefs` are of a robot that is looked for on a map, at each vertex.
     """
 
     estimate: PathEstimate
@@ -69,6 +71,7 @@ class Conclusion(NamedTuple):
     verdict: Verdict
     warnings: tuple[str, ...] = ()
     floor: FloorMap | None = None
+    beliefs: Sequence[Belief] = ()
 
 
 class Mapper(Protocol):
@@ -210,10 +213,11 @@ class CartMapper:
         estimate = self.path_filter.estimate()
         trajectory = correct(drive.odometry, drive.rows, estimate.path.astype(float))
         walls = self.walls()
+        beliefs = self.path_filter.beliefs if isinstance(self.path_filter, LocalizedCart) else ()
         grid = swept_map(trajectory, walls, self.robot.cart.bumper_width, self.robot.cart.bumper_ahead)
         floor = FloorMap(estimate.path, walls, len(estimate.path), grid, (trajectory, trajectory[-1:]))
         return Conclusion(
-            estimate, trajectory, self.path_filter.uncertainty(1), Verdict(), tuple(self.warnings()), floor
+            estimate, trajectory, self.path_filter.uncertainty(1), Verdict(), tuple(self.warnings()), floor, beliefs
         )
 
     def walls(self) -> list[np.ndarray]:

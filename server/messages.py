@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from server.commands import ArmCommand, DriveCommand, PowersCommand, RunCommand, StopCommand, UploadCommand
+from slam.bumps import Band
 from slam.cart_odometry import Stage
+from slam.pose_clusters import Belief
 from slam.uncertainty import Branches
 from slam.walls import Walls
 
@@ -234,7 +236,8 @@ class Estimate:
     (n_vertices,), nodes at each depth divided by particles; `particles` is (m, 3), some of the newest poses; affinity
     and plausibility are the best particle's sums. `spread` (n_vertices,) is the standard deviation (m) of each vertex
     in the world, `revisit_spread` the same as seen from the newest vertex: what seeing the place again would settle.
-    Both are empty where they are not known, and `branches` is None where an estimator has no particles.
+    Both are empty where they are not known, and `branches` is None where an estimator has no particles. `belief` tells
+    where on a given map the robot may be, and `walls` are curves (k, 2) of a map that is not what the vertices saw.
     """
 
     t: float
@@ -250,6 +253,8 @@ class Estimate:
     spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
     revisit_spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
     branches: Branches | None = None
+    belief: Belief | None = None
+    walls: list[np.ndarray] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +264,22 @@ class MiceHealth:
     steps: int
     filled_in: int
     left_out: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Felt:
+    """What there is of a robot that runs by itself and knows nothing but its bumps.
+
+    `track` (n, 2) are its movements added end to end, `bumpers` (m, 3, 2) its bumper's left, middle and right points at
+    each bump on it, and `laid` (3,) is the pose of both in the world. `lost` stages of the run will never come. Where a
+    map was given, `bump_space` is where it may bump there.
+    """
+
+    track: np.ndarray
+    bumpers: np.ndarray
+    laid: np.ndarray
+    lost: int
+    bump_space: Band | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,6 +357,8 @@ class Snapshot:
     spread: np.ndarray = field(default_factory=lambda: np.zeros(0))  # as in Estimate
     revisit_spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
     branches: Branches | None = None
+    belief: Belief | None = None
+    felt: Felt | None = None
     labels: tuple[Label, ...] = ()
 
 
@@ -370,5 +393,5 @@ def nothing_known(t: float, pose: np.ndarray, n_particles: int) -> Estimate:
 
 
 def shown_of(estimate: Estimate) -> dict[str, Any]:
-    """What a snapshot repeats of an estimate: all but its time."""
-    return {part.name: getattr(estimate, part.name) for part in fields(estimate) if part.name != "t"}
+    """What a snapshot repeats of an estimate: all but its time and its walls."""
+    return {part.name: getattr(estimate, part.name) for part in fields(estimate) if part.name not in ("t", "walls")}

@@ -96,7 +96,7 @@ class Rendering:
         robot = kind.fold(params)
         session = session_of(header.robot, robot, params)
         self.links = {name.id: DeafLink(name.spec) for name in header.links} or {"": DeafLink("")}
-        control = Control(config.control)
+        control = Control(config.control, runs_itself=kind.bumps)
         self.bridge = Bridge(robot, session, self.links, control, config.model_dump(mode="json"))  # type: ignore[arg-type]
         self.bridge.start = 0.0
         self.bridge.about = about(header, reader.path)

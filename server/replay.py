@@ -36,12 +36,13 @@ from server.mapping import (
 )
 from server.messages import Cart, CartStage, Keyframe, Message, Motors, Odometry, Ranges, Wheels
 from server.recorded import open_log
-from server.report import Certainty, Choice, Report, describe_machine, peak_rss_mb
+from server.report import Certainty, Choice, Localization, Report, describe_machine, peak_rss_mb
 from server.robots.bumper_cart import BumperCartParams
 from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, Stage
 from slam.hypotheses import Verdict
 from slam.path_filter import PathEstimate
 from slam.pose import compose, inverse
+from slam.pose_clusters import Belief
 from slam.uncertainty import Uncertainty
 
 PROGRESS_STEP = 500  # odometry readings between two words of progress
@@ -69,7 +70,7 @@ class Result:
     """A mapped log: the drive, the filter's last estimate, a corrected pose (n, 3) per odometry reading, seconds.
 
     `uncertainty` is of the vertices, `verdict` on whether another path explains as much, `warnings` are for people;
-    where there is a `floor`, it is the map.
+    where there is a `floor`, it is the map. `beliefs` are of a robot that is looked for on a map, at each vertex.
     """
 
     drive: Drive
@@ -80,6 +81,7 @@ class Result:
     verdict: Verdict
     warnings: tuple[str, ...] = ()
     floor: maps.FloorMap | None = None
+    beliefs: Sequence[Belief] = ()
 
     @property
     def path(self) -> np.ndarray:
@@ -115,7 +117,7 @@ def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Re
 
     drive = fold(log, mapper.robot, extend, progress, mapper.note)
     before = time.perf_counter()
-    estimate, trajectory, uncertainty, verdict, warnings, floor = mapper.conclude(drive, told)
+    estimate, trajectory, uncertainty, verdict, warnings, floor, beliefs = mapper.conclude(drive, told)
     if np.any(log.mount):
         trajectory = compose(trajectory, inverse(log.mount))
     ended = time.perf_counter()
@@ -125,7 +127,7 @@ def run_mapper(log: Log, mapper: Mapper, progress: Progress | None = None) -> Re
         "refinement": ended - before,
         "total": ended - started,
     }
-    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict, warnings, floor)
+    return Result(drive, estimate, trajectory, seconds, uncertainty, verdict, warnings, floor, beliefs)
 
 
 def fold(
@@ -281,6 +283,7 @@ def report_of(result: Result, log: Log, options: Options, settings: config.Confi
         plausibility=round(float(estimate.plausibility), 6),
         uncertainty=Certainty.of(result.uncertainty),
         hypotheses=Choice.of_verdict(result.verdict),
+        localization=Localization.of(result.beliefs),
         truncated_at=log.truncated_at,
         warnings=list(log.warnings),
         versions=describe_machine(),
@@ -300,4 +303,6 @@ def write_outputs(out: Path, result: Result, floor: maps.FloorMap, params: Robot
     write_atomically(out / "path.g2o", format_g2o(graph))
     profile = map_files.Profile(estimate.profile, floor.settled, result.uncertainty.deviations)
     write_atomically(out / "profile.csv", map_files.profile_csv(times, estimate.path, profile))
+    if result.beliefs:
+        write_atomically(out / "clusters.csv", map_files.clusters_csv(times, result.beliefs))
     write_atomically(out / "map.png", map_picture.draw_png(floor, *report.headline()))

@@ -7,6 +7,7 @@ import math
 import platform
 import resource
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from slam.hypotheses import Verdict
+from slam.pose_clusters import Belief
 from slam.uncertainty import Uncertainty
 
 
@@ -57,6 +59,24 @@ class Choice(BaseModel):
         return cls(lead_nats=lead, agreeing=verdict.agreeing, of=verdict.of, restarts=verdict.restarts)
 
 
+class Localization(BaseModel):
+    """Whether a robot that is looked for on a map is found, since which vertex on end, and the shares of all places."""
+
+    localized: bool
+    since_vertex: int | None
+    shares: list[float]
+
+    @classmethod
+    def of(cls, beliefs: Sequence[Belief]) -> Localization | None:
+        """The figures at the end, given what was believed at each vertex; None where nobody was looked for."""
+        if not beliefs:
+            return None
+        lost = [vertex for vertex, belief in enumerate(beliefs) if not belief.is_localized]
+        since = 1 + max(lost, default=-1)
+        shares = [round(float(cluster.share), 4) for cluster in beliefs[-1].clusters]
+        return cls(localized=since < len(beliefs), since_vertex=since if since < len(beliefs) else None, shares=shares)
+
+
 class Report(BaseModel):
     """Names carry their units; `wall_s` and `real_time_factor` are of the run without compiling and without files."""
 
@@ -86,6 +106,7 @@ class Report(BaseModel):
     plausibility: float
     uncertainty: Certainty
     hypotheses: Choice
+    localization: Localization | None
     truncated_at: int | None
     warnings: list[str]
     versions: dict[str, str]

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 WHEEL_RADIUS = 0.0508
 PLATE_WHEEL_RADIUS = 0.035  # of Maze Runner
+BRICK_WHEEL_RADIUS = 0.02  # of Bumper Cart
 WALL_HEIGHT = 0.35
+LOW_WALL = 0.08  # around a robot of a few centimetres
 DECKS = {"lower": 0.05, "sonar": 0.101, "infrared": 0.152}  # heights above the axle; sensors look out of theirs
 TREE_RISE = 0.15  # per vertex, as long as the tree stays below:
 TREE_HEIGHT = 4.0
@@ -58,7 +60,7 @@ def way_key(snapshot: Snapshot) -> object:
 
 def draw_walls(scene: viser.SceneApi, snapshot: Snapshot) -> None:
     """The best map's walls as upright ribbons."""
-    vertices, faces = ribbons(snapshot.walls, WALL_HEIGHT)
+    vertices, faces = ribbons(snapshot.walls, WALL_HEIGHT if snapshot.felt is None else LOW_WALL)
     if len(faces):
         scene.add_mesh_simple(
             "/walls/mesh", vertices, faces, color=WALL, side="double", flat_shading=True,
@@ -147,6 +149,8 @@ def draw_body(scene: viser.SceneApi, robot: str) -> viser.FrameHandle:
     frame = scene.add_frame("/robot", show_axes=False)
     if robot == "maze_runner":
         draw_plate(scene)
+    elif robot == "bumper_cart":
+        draw_brick(scene)
     else:
         draw_tower(scene)
     return frame
@@ -172,6 +176,14 @@ def draw_plate(scene: viser.SceneApi) -> None:
     scene.add_cylinder("/robot/laser", radius=0.025, height=0.03, color=OPEN, position=(0.05, 0.0, rise + 0.09))
     scene.add_icosphere("/robot/castor", radius=0.015, color=DARK, position=(-0.1, 0.0, 0.015 - WHEEL_RADIUS))
     draw_wheels(scene, PLATE_WHEEL_RADIUS, 0.1, rise)
+
+
+def draw_brick(scene: viser.SceneApi) -> None:
+    """Bumper Cart: a brick on two wheels, the bumper ahead of it as wide as all of it."""
+    rise = BRICK_WHEEL_RADIUS - WHEEL_RADIUS  # of its axle, for the frame is as high as the tower's
+    scene.add_box("/robot/brick", color=DECK, dimensions=(0.1, 0.044, 0.04), position=(0.025, 0.0, rise + 0.02))
+    scene.add_box("/robot/bumper", color=OPEN, dimensions=(0.01, 0.0762, 0.02), position=(0.085, 0.0, rise + 0.005))
+    draw_wheels(scene, BRICK_WHEEL_RADIUS, 0.032, rise)
 
 
 def draw_wheels(scene: viser.SceneApi, radius: float, half_track: float, height: float) -> None:

@@ -1,4 +1,5 @@
-"""The status of a session, put together from what its parts say of themselves. Uses its sibling `views`."""
+"""The status of a session, put together from what its parts say of themselves. Uses its siblings `felt_views`
+and `views`."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ from collections.abc import Mapping
 from server.control import Control
 from server.estimator import EstimatorStatus
 from server.explorer import Progress
+from server.felt_views import run_status, whereabouts
 from server.messages import Snapshot
 from server.pulse import Lateness
 from server.session import Session
@@ -74,6 +76,8 @@ def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> Rob
         motor_amperes=(power.left_motor_amperes, power.right_motor_amperes) if power else None,
         powers=(round(snapshot.motors.left, 4), round(snapshot.motors.right, 4)) if snapshot.motors else None,
         mice=dataclasses.asdict(snapshot.mice) if snapshot.mice else None,
+        run=run_status(snapshot),
+        whereabouts=whereabouts(snapshot),
         tilt_rad=finite(snapshot.tilt),
         pose=(x, y, theta),
         distance_m=round(snapshot.distance, 3),
@@ -85,12 +89,15 @@ def robot_status(snapshot: Snapshot, is_virtual: bool, layers: list[str]) -> Rob
 
 
 def filter_status(snapshot: Snapshot, worker: EstimatorStatus) -> FilterStatus:
-    """How the path filter is doing."""
+    """How the path filter is doing; one of bumps has as many particles as it needs, and sheds none."""
+    counts = (
+        (snapshot.n_particles, snapshot.n_particles) if snapshot.felt else (worker.n_particles, worker.wanted_particles)
+    )
     return FilterStatus(
         state=worker.state,
         reason=worker.reason,
-        particles=worker.n_particles,
-        wanted_particles=worker.wanted_particles,
+        particles=counts[0],
+        wanted_particles=counts[1],
         effective_particles=round(snapshot.effective_particles, 1),
         resamplings=snapshot.resamplings,
         waiting=worker.waiting,
@@ -116,6 +123,7 @@ def driver_status(
         answer_s=control.answer_time(t),
         shared=control.wish is not None and control.wish.shared,
         goal=snapshot.goal,
+        runs_itself=control.runs_itself,
         viewers=n_viewers,
         max_speed=round(min(control.params.max_speed, fastest), 3),
         max_turn=round(min(control.params.max_turn, turning), 3),

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from server.maps import FloorMap, occupancy, world_curves
+from server.formats.ros_map import OccupancyMap
+from server.maps import FloorMap, occupancy, swept_map, world_curves
 from server.messages import Label, Snapshot
 from slam.motion import MotionParams
 from slam.pose import between, inverse, transform
@@ -33,7 +34,8 @@ class Survey:
     """n vertices: `path` (n, 3) in the world, `walls` seen there, `times` (n,) s, `odometry` (n, 3), tree's `profile`.
 
     `spread` (n,) m is the standard deviation of each vertex, empty where that is not known. The first `fixed_depth + 1`
-    vertices are settled. `noise` is odometry's, in rad and m per root metre.
+    vertices are settled. `noise` is odometry's, in rad and m per root metre. `drawn` are curves (k, 2) of a map
+    that is not what the vertices saw, as that of a robot which only bumps.
     """
 
     robot: str
@@ -46,6 +48,7 @@ class Survey:
     n_particles: int = 0
     noise: tuple[float, float] = (MotionParams().turn_noise, MotionParams().distance_noise)
     spread: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    drawn: tuple[np.ndarray, ...] | None = None
 
     @property
     def settled(self) -> int:
@@ -64,16 +67,24 @@ def survey_of(snapshot: Snapshot, motion: MotionParams | None = None) -> Survey:
         times=snapshot.vertex_times,
         odometry=snapshot.vertex_odometry,
         profile=np.asarray(snapshot.profile[:n], float),
-        fixed_depth=snapshot.fixed_depth,
+        fixed_depth=-1 if snapshot.felt else snapshot.fixed_depth,  # nothing of what bumps tell is settled
         n_particles=snapshot.n_particles,
         noise=(noise.turn_noise, noise.distance_noise),
         spread=np.asarray(snapshot.spread[:n], float),
+        drawn=tuple(snapshot.walls) if snapshot.felt else None,
     )
+
+
+def titled(robot: str) -> str:
+    """A robot's name as people write it: Bumper Cart for bumper_cart."""
+    return robot.replace("_", " ").title()
 
 
 def in_frame(survey: Survey, frame: np.ndarray) -> Survey:
     """The same survey with its world's axes laid where a frame (3,) stands in it."""
-    return replace(survey, path=between(np.asarray(frame, float), survey.path))
+    frame = np.asarray(frame, float)
+    drawn = survey.drawn and tuple(transform(inverse(frame), curve) for curve in survey.drawn)
+    return replace(survey, path=between(frame, survey.path), drawn=drawn)
 
 
 def labels_in_frame(labels: Sequence[Label], frame: np.ndarray) -> tuple[Label, ...]:
@@ -94,13 +105,24 @@ def moved_labels(labels: Sequence[Label], pose: np.ndarray) -> tuple[Label, ...]
 
 def floor_of(survey: Survey, labels: Sequence[Label] = (), has_grid: bool = True) -> FloorMap:
     """The survey's map; without a grid it is made at once."""
-    grid = occupancy(survey.path, list(survey.walls)) if has_grid else None
-    walls = world_curves(survey.path, list(survey.walls))
+    grid = grid_of(survey) if has_grid else None
+    walls = world_curves(survey.path, list(survey.walls)) if survey.drawn is None else list(survey.drawn)
     return FloorMap(survey.path, walls, survey.settled, grid, labels=labels, spread=survey.spread)
+
+
+def grid_of(survey: Survey) -> OccupancyMap:
+    """The survey's grid; of a map that was drawn it has the walls, for what its vertices saw free nobody kept."""
+    if survey.drawn is None:
+        return occupancy(survey.path, list(survey.walls))
+    return swept_map(survey.path, list(survey.drawn), 0.0, 0.0)
 
 
 def wall_skew(survey: Survey) -> float:
     """The building's main wall direction against the axes, from -45 to 45 degrees, in radians."""
+    if survey.drawn is not None:
+        steps = np.concatenate([np.zeros((0, 2)), *(np.diff(curve, axis=0) for curve in survey.drawn)])
+        lengths, directions = np.hypot(*steps.T), np.arctan2(steps[:, 1], steps[:, 0])
+        return float(np.angle(np.sum(lengths * np.exp(4j * directions)))) / 4.0
     pairs = zip(survey.path[:, 2], survey.walls, strict=True)
     votes = sum((wall_direction(walls) * np.exp(4j * theta) for theta, walls in pairs), 0j)
     return float(np.angle(votes)) / 4.0
@@ -109,6 +131,9 @@ def wall_skew(survey: Survey) -> float:
 def pack(survey: Survey) -> bytes:
     """The survey as bytes: numpy's compressed archive."""
     n_rays = len(survey.walls[0].distances) if survey.walls else 0
+    drawn = {} if survey.drawn is None else {"drawn": np.concatenate([np.zeros((0, 2)), *survey.drawn])}
+    if survey.drawn is not None:
+        drawn["lengths"] = np.array([len(curve) for curve in survey.drawn], int)
     content = io.BytesIO()
     np.savez_compressed(
         content,
@@ -116,14 +141,15 @@ def pack(survey: Survey) -> bytes:
         format=np.array(FORMAT),
         robot=np.array(survey.robot),
         path=survey.path,
-        distances=np.array([seen.distances for seen in survey.walls], np.float32).reshape(-1, n_rays),
-        free=np.array([seen.free for seen in survey.walls], np.float32).reshape(-1, n_rays),
+        distances=np.array([seen.distances for seen in survey.walls], np.float32).reshape(len(survey.walls), n_rays),
+        free=np.array([seen.free for seen in survey.walls], np.float32).reshape(len(survey.walls), n_rays),
         times=survey.times,
         odometry=survey.odometry,
         profile=survey.profile,
         spread=survey.spread,
         tree=np.array([survey.fixed_depth, survey.n_particles]),
         noise=np.array(survey.noise),
+        **drawn,
     )
     return content.getvalue()
 
@@ -134,6 +160,9 @@ def unpack(content: bytes) -> Survey:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             if str(arrays["format"]) != FORMAT:
                 raise SurveyError(f"its format is {arrays['format']}, not {FORMAT}")
+            drawn = None
+            if "drawn" in arrays:
+                drawn = tuple(np.split(arrays["drawn"], np.cumsum(arrays["lengths"]))[:-1])
             walls = [Walls(*rays) for rays in zip(arrays["distances"], arrays["free"], strict=True)]
             return Survey(
                 robot=str(arrays["robot"]),
@@ -146,6 +175,7 @@ def unpack(content: bytes) -> Survey:
                 n_particles=int(arrays["tree"][1]),
                 noise=(float(arrays["noise"][0]), float(arrays["noise"][1])),
                 spread=arrays["spread"],
+                drawn=drawn,
             )
     except (EOFError, KeyError, OSError, ValueError, zipfile.BadZipFile) as error:
         raise SurveyError(str(error)) from None

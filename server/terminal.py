@@ -38,14 +38,26 @@ Avr = Annotated[bool, typer.Option("--avr", help="The boards' real ATmega32 prog
 Beams = Annotated[int | None, typer.Option(min=2, help="Thin a laser to so many evenly spread beams.")]
 MaxRange = Annotated[float | None, typer.Option(min=0.1, help="Reach (m) of those beams.", show_default="5.0")]
 Particles = Annotated[int | None, typer.Option(help="Particles of the path filter.", show_default="40000")]
+CartMap = Annotated[
+    str | None,
+    typer.Option("--map", metavar="WORLD", help="Where Bumper Cart is, to be found there: a world, as of --world."),
+]
 
 
-def settings_flags(preset: str | None, particles: int | None, robot: str | None) -> dict[str, Any]:
-    """The flags that are settings, nested as in config.toml; UserError for a preset that is another robot's."""
+def settings_flags(
+    preset: str | None, particles: int | None, robot: str | None, where: str | None = None
+) -> dict[str, Any]:
+    """The flags that are settings, nested as in config.toml; UserError where a preset or map is not for the robot."""
+    from server.config import check_robot
+
     check_preset(preset, robot or "crunch")
     flags: dict[str, Any] = {"preset": preset} if preset is not None else {}
     if particles is not None:
-        flags[robot or "crunch"] = {"filter": {"particles": particles}}
+        filters = {"localizer": {"particles": particles}, "mapper": {"n_particles": particles}}
+        flags[robot or "crunch"] = filters if robot == "bumper_cart" else {"filter": {"particles": particles}}
+    if where is not None:
+        check_robot(robot or "crunch", ("bumper_cart",), "robots that are found on a map")
+        flags["bumper_cart"] = {**flags.get("bumper_cart", {}), "map": where}
     return flags
 
 
@@ -87,15 +99,13 @@ def progress_bar(title: str, total: int | None, quiet: bool) -> Iterator[Progres
         yield lambda done: bar.update(task, completed=done)
 
 
-def live_settings(
-    robot: str, file: Path | None, preset: str | None, particles: int | None, assignments: Sequence[str] | None
-) -> Config:
+def live_settings(robot: str, flags: dict[str, Any], file: Path | None, assignments: Sequence[str] | None) -> Config:
     """The settings of a live session, for which the working directory's config.toml counts."""
     from server.config import check_robot, load, working_file
     from server.recorded import check_senses
 
     check_robot(robot)
-    settings = load(settings_flags(preset, particles, robot), file or working_file(), None, assignments or ())
+    settings = load(flags, file or working_file(), None, assignments or ())
     check_senses(robot, settings)
     return settings
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field
 
-from server.layers import CENTIMETRE, View, layer, pack_curves, pack_points
+from server.layers import CENTIMETRE, View, fine_unit, layer, pack_curves, pack_points
 from server.messages import Snapshot
 from server.stops import StopEntry
 from slam.pose import between, compose
@@ -35,6 +35,33 @@ class LinkStatus(BaseModel):
     silence_s: float | None = Field(examples=[0.02], description="since the last good frame; null before the first")
     lost_percent: float = Field(examples=[0.4], description="of the frames of the last seconds")
     counters: dict[str, float] = Field(examples=[{"frames": 5120, "lost": 3, "rejected": 1}])
+
+
+class RunStatus(BaseModel):
+    """The run that a robot is on by itself, or was on last."""
+
+    number: int = Field(examples=[1], description="since the board was switched on, modulo 256; 0 before the first")
+    doing: str = Field(examples=["drive"], description="stand, drive, back or turn")
+    bumps: int = Field(examples=[12])
+    stages: int = Field(examples=[36], description="drives, ways back and turns that the robot has logged")
+    lost_stages: int = Field(examples=[0], description="of these, lost on the way and in the robot's own log")
+
+
+class Place(BaseModel):
+    """A place where the robot may be, and the share of all that is believed."""
+
+    x: float = Field(examples=[0.31])
+    y: float = Field(examples=[0.88])
+    heading: float = Field(examples=[1.57])
+    share: float = Field(examples=[0.52])
+
+
+class Whereabouts(BaseModel):
+    """The places where the robot may be on a known map, the likeliest first, and the same in words."""
+
+    localized: bool = Field(examples=[False])
+    places: list[Place]
+    words: str = Field(examples=["Not localized: it may be in 2 places, 52 % and 48 %."])
 
 
 class RobotStatus(BaseModel):
@@ -58,6 +85,12 @@ class RobotStatus(BaseModel):
         examples=[{"steps": 300, "filled_in": 2, "left_out": [4, 2]}],
         description="where the odometry is that of optical mice: its steps, those that the motors' odometry filled in, "
         "and of each mouse those without it",
+    )
+    run: RunStatus | None = Field(
+        default=None, description="of a robot whose own program drives it: its run; null for others and before its word"
+    )
+    whereabouts: Whereabouts | None = Field(
+        default=None, description="where on the map that was given the robot may be; null where none was given"
     )
     tilt_rad: float | None = Field(examples=[0.021], description="null for a robot that cannot tilt")
     pose: tuple[float, float, float] = Field(examples=[(1.25, 0.5, 0.1)], description="x m, y m, heading rad, world")
@@ -118,6 +151,11 @@ class DriverStatus(BaseModel):
     answer_s: float | None = Field(examples=[7.2], description="seconds that the driver has left to answer")
     shared: bool = Field(examples=[True], description="whether obstacles bend the driver's direction now")
     goal: tuple[float, float] | None = Field(examples=[(2.0, 1.5)])
+    runs_itself: bool = Field(
+        default=False,
+        examples=[False],
+        description="whether its own program drives it: armed it begins, and a stop ends it",
+    )
     viewers: int = Field(examples=[1])
     max_speed: float = Field(examples=[0.5], description="m/s that the rules and the robot permit")
     max_turn: float = Field(examples=[1.5], description="rad/s, as above")
@@ -244,8 +282,13 @@ def path_view(snapshot: Snapshot) -> View:
 
 
 @layer("odometry", every=10)
-def odometry_view(snapshot: Snapshot) -> View:
-    """Where the wheels alone have each vertex, laid on the best path's first one, in centimetres from it."""
+def odometry_view(snapshot: Snapshot) -> View | None:
+    """Where the wheels alone have each vertex, laid on the best path's first one, in centimetres from it.
+
+    None for a robot that shows all of its movements instead.
+    """
+    if snapshot.felt is not None:
+        return None
     vertices = np.asarray(snapshot.vertex_odometry, float).reshape(-1, 3)
     first = np.asarray(snapshot.path, float)[0] if len(vertices) else np.zeros(3)
     laid = compose(first, between(vertices[:1], vertices))
@@ -254,10 +297,18 @@ def odometry_view(snapshot: Snapshot) -> View:
 
 @layer("particles")
 def particles_view(snapshot: Snapshot) -> View:
-    """Where the particles have the newest vertex, in centimetres from `origin`; none before the first vertex."""
-    places = np.asarray(snapshot.particles, float).reshape(-1, 3)[: None if snapshot.vertex_curves else 0, :2]
-    origin = np.round(places.mean(axis=0), 2) if len(places) else np.zeros(2)
-    return View({"origin": rounded(origin), "scale": CENTIMETRE}, {"points": pack_points(places - origin)})
+    """Where the particles have the newest vertex, in centimetres from `origin`; none before the first vertex.
+
+    Of a robot that feels its way they come finer, and with `headings` (n,) in 256ths of a turn.
+    """
+    poses = np.asarray(snapshot.particles, float).reshape(-1, 3)[: None if snapshot.vertex_curves else 0]
+    origin = np.round(poses[:, :2].mean(axis=0), 2) if len(poses) else np.zeros(2)
+    places = poses[:, :2] - origin
+    if snapshot.felt is None:
+        return View({"origin": rounded(origin), "scale": CENTIMETRE}, {"points": pack_points(places)})
+    unit = fine_unit(places)
+    headings = (np.round(poses[:, 2] * (128.0 / math.pi)).astype(int) % 256).astype(np.uint8)
+    return View({"origin": rounded(origin), "scale": unit}, {"points": pack_points(places, unit), "headings": headings})
 
 
 def probabilities(log_odds: np.ndarray) -> np.ndarray:

@@ -15,7 +15,10 @@ from slam.bump_localizer import BumpLocalizer, BumpLocalizerParams, Estimate
 from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams
 from slam.cart_odometry import CartParams, Stage
 from slam.path_filter import PathEstimate
-from slam.uncertainty import NOT_KNOWN, Uncertainty
+from slam.pose import compose
+from slam.pose_clusters import Belief
+from slam.resampling import normalize, systematic
+from slam.uncertainty import MIDDLE, NOT_KNOWN, Uncertainty
 
 
 class LocalizedCart:
@@ -24,6 +27,7 @@ class LocalizedCart:
     def __init__(self, area: Area, cart: CartParams, params: BumpLocalizerParams, seed: int = 0):
         self.localizer = BumpLocalizer(area, cart, params, seed)
         self.path: list[np.ndarray] = []
+        self.beliefs: list[Belief] = []  # after each bump, as it was then
         self.found: Estimate | None = None  # after the newest bump
 
     @property
@@ -37,19 +41,28 @@ class LocalizedCart:
             self.localizer.step(stage)
         self.found = self.localizer.estimate()
         self.path.append(np.array(pose, float) if self.found is None else self.found.pose)
+        self.beliefs.append(Belief(self.found.clusters, self.found.is_localized) if self.found else Belief([], False))
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
         """The heaviest cluster's mean after each bump, as it was then. RuntimeError before the first one."""
         if not self.path:
             raise RuntimeError("no bump was told yet")
-        found, poses = self.found, self.localizer.poses
-        shown = poses[np.linspace(0, len(poses) - 1, min(max_particles, len(poses))).astype(int)]
+        found, shown = self.found, self.shown(max_particles)
         path = np.array(self.path)
         share = found.clusters[0].share if found and found.clusters else 0.0
         return PathEstimate(
             path, np.ones(len(path)), shown if len(shown) else path[-1:], len(path) - 1, self.n_particles,
-            found.effective if found else 1.0, 0, share, 0.0,
+            found.effective if found else 1.0, 0, share, 0.0, self.beliefs[-1],
         )  # fmt: skip
+
+    def shown(self, n: int) -> np.ndarray:
+        """At most n of the particles (m, 3), drawn by their weights, at all of their images on a symmetric map."""
+        localizer = self.localizer
+        if not len(localizer.poses):
+            return np.zeros((0, 3))
+        images = localizer.symmetries
+        rows = systematic(normalize(localizer.log_weights), MIDDLE, min(n // len(images), len(localizer.poses)))
+        return np.concatenate([compose(motion, localizer.poses[rows]) for motion in images])
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:
         """Not told of poses that are gone; the clusters' covariances are of now."""
@@ -94,7 +107,7 @@ class MappedCart:
         shown = np.linspace(0, len(poses) - 1, min(max_particles, len(poses))).astype(int)
         return PathEstimate(
             path, np.ones(len(path)), poses[shown], len(path) - 1, self.n_particles, self.mapper.effective_particles, 0,
-            -found.cost, 0.0,
+            -found.cost, 0.0, walls=found.walls,
         )  # fmt: skip
 
     def uncertainty(self, n_leaves: int) -> Uncertainty:

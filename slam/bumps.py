@@ -17,6 +17,7 @@ from slam.cart_odometry import CartParams
 
 CHORD = 0.01  # m of an arc that are taken for straight where a wall is near
 MENDED = 3  # times
+HEADINGS = 72  # so many that the bumper's ends move by less than a band's width from one to the next
 
 
 class Contact(NamedTuple):
@@ -104,6 +105,18 @@ def drive_until_contact(area, x, y, heading, curvature, reach, ahead, half_width
     return Contact(math.inf, end_x, end_y, end_heading, 0.0, -1)
 
 
+class Band(NamedTuple):
+    """The bump space seen from above: at nodes (rows, columns), the share of headings at which the cart is in it.
+
+    Node (0, 0) stands at (x, y), `spacing` m from its neighbours.
+    """
+
+    shares: np.ndarray
+    spacing: float
+    x: float
+    y: float
+
+
 def in_bump_space(area: Area, poses: np.ndarray, cart: CartParams, tolerance: float) -> np.ndarray:
     """Which of poses (n, 3) are in the bump space, (n,) bool, whose band is `tolerance` m wide to both sides of a wall.
 
@@ -119,17 +132,48 @@ def bump_space(area, poses, ahead, half_width, tolerance):
     """The kernel of `in_bump_space`."""
     found = np.zeros(poses.shape[0], np.bool_)
     for row in range(poses.shape[0]):
-        cos, sin = math.cos(poses[row, 2]), math.sin(poses[row, 2])
-        if clearance(area, poses[row, 0], poses[row, 1]) <= 0.0:
-            continue
-        least, least_x, least_y = math.inf, 0.0, 0.0
-        for side in range(-1, 2):
-            x = poses[row, 0] + ahead * cos - side * half_width * sin
-            y = poses[row, 1] + ahead * sin + side * half_width * cos
-            room = clearance(area, x, y)
-            if room < least:
-                least, least_x, least_y = room, x, y
-        if abs(least) <= tolerance:
-            normal_x, normal_y = outward_normal(area, least_x, least_y)
-            found[row] = normal_x * cos + normal_y * sin > 0.0
+        found[row] = may_touch(area, poses[row, 0], poses[row, 1], poses[row, 2], ahead, half_width, tolerance)
     return found
+
+
+@njit(cache=True)
+def may_touch(area, x, y, heading, ahead, half_width, tolerance):
+    """Whether a single pose is in the bump space."""
+    if clearance(area, x, y) <= 0.0:
+        return False
+    cos, sin = math.cos(heading), math.sin(heading)
+    least, least_x, least_y = math.inf, 0.0, 0.0
+    for side in range(-1, 2):
+        point_x = x + ahead * cos - side * half_width * sin
+        point_y = y + ahead * sin + side * half_width * cos
+        room = clearance(area, point_x, point_y)
+        if room < least:
+            least, least_x, least_y = room, point_x, point_y
+    if abs(least) > tolerance:
+        return False
+    normal_x, normal_y = outward_normal(area, least_x, least_y)
+    return normal_x * cos + normal_y * sin > 0.0
+
+
+def band_of(area: Area, cart: CartParams, tolerance: float) -> Band:
+    """Where in an area a cart may bump; of a band thinner than the area's lattice not less than its nodes is shown."""
+    tolerance = max(tolerance, area.spacing)
+    return Band(band_shares(area, cart.bumper_ahead, 0.5 * cart.bumper_width, tolerance), area.spacing, area.x, area.y)
+
+
+@njit(cache=True)
+def band_shares(area, ahead, half_width, tolerance):
+    """The kernel of `band_of`."""
+    rows, columns = area.distances.shape
+    reach = math.hypot(ahead, half_width) + tolerance
+    shares = np.zeros((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            if not 0.0 < area.distances[row, column] < reach:
+                continue
+            x, y = area.x + area.spacing * column, area.y + area.spacing * row
+            n_inside = 0
+            for k in range(HEADINGS):
+                n_inside += may_touch(area, x, y, 2.0 * math.pi * (k + 0.5) / HEADINGS, ahead, half_width, tolerance)
+            shares[row, column] = n_inside / HEADINGS
+    return shares

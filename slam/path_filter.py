@@ -24,6 +24,7 @@ from slam.params import Params
 from slam.particles import BLOCK, equal_particles, extend, inherit
 from slam.path_tree import PathTree
 from slam.pose import between
+from slam.pose_clusters import Belief
 from slam.resampling import exponentials, normalize, systematic
 from slam.uncertainty import Uncertainty, uncertainty
 from slam.wall_direction import DirectionParams, align
@@ -47,7 +48,11 @@ class PathFilterParams(Params):
 
 
 class PathEstimate(NamedTuple):
-    """Best path (v, 3), the tree's profile (v,), some newest poses (m, 3), and the filter's figures."""
+    """Best path (v, 3), the tree's profile (v,), some newest poses (m, 3), and the filter's figures.
+
+    Of an estimator that knows them: in which places the robot may be, and curves (k, 2) of a map that is not what the
+    vertices saw.
+    """
 
     path: np.ndarray
     profile: np.ndarray
@@ -58,6 +63,8 @@ class PathEstimate(NamedTuple):
     resamplings: int
     affinity: float
     plausibility: float
+    belief: Belief | None = None
+    walls: list[np.ndarray] | None = None
 
 
 def estimate_of(

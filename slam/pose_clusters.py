@@ -27,6 +27,13 @@ class Cluster(NamedTuple):
     share: float
 
 
+class Belief(NamedTuple):
+    """Where a robot may be: clusters, the heaviest first, and whether it is sure enough of that one to be there."""
+
+    clusters: list[Cluster]
+    is_localized: bool
+
+
 def clusters(poses: np.ndarray, weights: np.ndarray, size: float, turn: float) -> list[Cluster]:
     """Clusters of poses (n, 3) with weights (n,) that sum to one, the heaviest first.
 

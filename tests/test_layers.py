@@ -51,7 +51,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "server.robots", "server.robots.bumper_cart", "server.robots.crunch", "server.robots.foldback",
         "server.robots.kinds", "server.robots.maze_runner", "server.robots.mice",
-        "server.robots.odometry", "server.robots.pilot",
+        "server.robots.odometry", "server.robots.pilot", "server.robots.track",
     ),
     (
         "server.adviser", "server.boards", "server.config", "server.control", "server.estimator", "server.explorer",
@@ -61,7 +61,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     (
         "server.api", "server.cockpit", "server.comparison", "server.conversation", "server.dashboard",
-        "server.guard", "server.guidance", "server.labels", "server.layers", "server.map_exports",
+        "server.felt_views", "server.guard", "server.guidance", "server.labels", "server.layers", "server.map_exports",
         "server.map_files", "server.map_picture", "server.map_store", "server.maps", "server.player",
         "server.replay_cache", "server.report", "server.rest", "server.rest.answers", "server.rest.commands",
         "server.rest.files", "server.rest.health", "server.rest.maps", "server.rest.metrics",

@@ -119,6 +119,7 @@ export function shapeAs(name) {
 export function robotGlyph(context, ink, front) {
   context.fillStyle = ink;
   if (shape === "maze_runner") return plateGlyph(context, ink, front);
+  if (shape === "bumper_cart") return cartGlyph(context, ink, front);
   for (const side of [-1, 1]) context.fillRect(-0.05, side * 0.095 - 0.0125, 0.1, 0.025);
   context.beginPath();
   context.arc(0, 0, 0.076, 0, 7);
@@ -143,4 +144,12 @@ function plateGlyph(context, ink, front) {
   context.beginPath();
   context.arc(0.05, 0, 0.028, 0, 7);
   context.fill();
+}
+
+/** A brick on two wheels, and the bumper ahead, as wide as all of it. */
+function cartGlyph(context, ink, front) {
+  for (const side of [-1, 1]) context.fillRect(-0.02, side * 0.032 - 0.006, 0.04, 0.012);
+  context.fillRect(-0.025, -0.022, 0.1, 0.044);
+  context.fillStyle = front;
+  context.fillRect(0.08, -0.0381, 0.01, 0.0762);
 }

@@ -26,6 +26,7 @@ export class Driver {
     this.goal = null; // number of the goal that this page holds
     this.goals = 0; // sent so far
     this.isShared = false; // whether the robot bends the wish off obstacles
+    this.runsItself = false; // whether the robot's own program drives it, and nobody here
     setInterval(() => this.repeat(), REPEAT);
     this.listenToKeys();
     this.listenToStick();
@@ -95,7 +96,7 @@ export class Driver {
   }
 
   hold(source, forward, left) {
-    if (this.isLocked || this.isCovered) return;
+    if (this.isLocked || this.isCovered || this.runsItself) return;
     const [before, wish] = [this.wish, [clamp(forward), clamp(left)]];
     const isNews = this.source === null || (source === "keys" && String(wish) !== String(before)); // a stick: at the next turn
     this.source = source;

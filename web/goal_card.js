@@ -17,7 +17,8 @@ export class GoalCard {
   /** Ask whether to drive to [x, y] in the world. */
   propose(place) {
     this.show(place);
-    this.card.querySelector("#goal-go").focus({ preventScroll: true });
+    const [go, cancel] = ["#goal-go", "#goal-cancel"].map((name) => this.card.querySelector(name));
+    (go.checkVisibility() ? go : cancel).focus({ preventScroll: true });
   }
 
   /** A place [x, y] came from elsewhere. While a card is open it waits in a message, whose button calls `show`. */

@@ -2,9 +2,11 @@
 
 const CHARGING = 5; // volts at the charger's socket above which it is plugged in
 const STOPS = "Newest stops";
+const PLACES = 4; // where a robot may be that are told
 const LONG = 5; // rows above which a group scrolls
 
 const STATES = { armed: "armed", "link lost": "standing" }; // on its feet; without commands it only balances
+const RUNNING = { armed: "running", disarmed: "standing", "link lost": "standing" }; // of one that runs by itself
 
 export class Health {
   constructor(box) {
@@ -81,19 +83,20 @@ function placeIn(box) {
 
 function groupsOf(status, connection) {
   return [
-    ["Robot", robotRows(status.robot)],
+    ["Robot", robotRows(status.robot, status.driver.runs_itself)],
     [STOPS, stopRows(status)],
     ["Link", linkRows(status.link, connection)],
-    ["Path filter", filterRows(status.filter)],
-    ["Map", mapRows(status.map)],
+    ["Path filter", filterRows(status.filter, status.driver.runs_itself)],
+    ["Map", status.driver.runs_itself ? feltRows(status) : mapRows(status.map)],
     ["Server", serverRows(status)],
   ];
 }
 
-function robotRows(robot) {
+function robotRows(robot, runsItself) {
   const [left, right] = robot.motor_amperes ?? [];
+  const states = runsItself ? RUNNING : STATES;
   return [
-    ["State", STATES[robot.state] ?? robot.state ?? "not heard", STATES[robot.state] ? "" : robot.state ? "warn" : "bad"],
+    ["State", states[robot.state] ?? robot.state ?? "not heard", states[robot.state] ? "" : robot.state ? "warn" : "bad"],
     ...lastWordsRow(robot.last_words),
     ["Battery", volts(robot.battery_volts), batteryLevel(robot)],
     ...(robot.battery_amperes === null ? [] : [["Current", amperes(robot.battery_amperes)]]),
@@ -137,14 +140,14 @@ function linkRows(link, { roundTrip, age }) {
   ];
 }
 
-function filterRows(filter) {
+function filterRows(filter, runsItself) {
   const { particles, wanted_particles: wanted } = filter;
   const isShort = particles < wanted;
   return [
     ["Process", filter.state, filterLevel(filter)],
     ["Particles", isShort ? `${count(particles)} of ${count(wanted)}` : count(particles), isShort ? "warn" : ""],
     ["Effective", count(Math.round(filter.effective_particles))],
-    ["Resampled", `${filter.resamplings} times`],
+    ...(runsItself ? [] : [["Resampled", `${filter.resamplings} times`]]),
     ["Load", `${Math.round(100 * filter.load)} %`, level(filter.load, 0.7, 0.95)],
     ["Restarts", String(filter.restarts), filter.restarts ? "warn" : ""],
   ];
@@ -155,6 +158,16 @@ function mapRows(map) {
     ["Vertices", `${count(map.vertices)}, ${count(map.fixed_depth)} settled`],
     ["Affinity", map.affinity.toFixed(1)],
     ["Plausibility", map.plausibility.toFixed(1)],
+  ];
+}
+
+/** What bumps told: how many there were, and the likeliest places on a given map. */
+function feltRows({ map, robot: { whereabouts } }) {
+  const places = whereabouts?.places.slice(0, PLACES) ?? [];
+  return [
+    ["Bumps", count(map.vertices)],
+    ...(whereabouts ? [["Localized", whereabouts.localized ? "yes" : "no", whereabouts.localized ? "" : "warn"]] : []),
+    ...places.map(({ x, y, share }) => [`${Math.round(100 * share)} %`, `at ${x.toFixed(2)}, ${y.toFixed(2)} m`]),
   ];
 }
 

@@ -10,11 +10,11 @@ const changed = new EventTarget();
  * `draw(context, view, frame)` draws in world metres, y up; `view.pixel` is the size of a pixel there, `view.frames` has
  * every topic's newest frame. It is called once there is a frame of `topic` (its name, if not given; null: always), lower
  * `z` first. What `isStill` changes with its frames only: it is drawn into a picture that follows the map. Without a
- * `label` there is no switch.
+ * `label` there is no switch. `suits(has)` tells whether it is of a robot, where `has(topic)` tells which topics that has.
  */
-export function layer(name, { label = "", z = 30, isOn = true, isStill = false, topic = name, draw }) {
+export function layer(name, { label = "", z = 30, isOn = true, isStill = false, topic = name, suits = () => true, draw }) {
   const stored = label ? localStorage.getItem(`layer.${name}`) : null;
-  layers.set(name, { name, label, z, isStill, topic, draw, isOn: stored === null ? isOn : stored === "on" });
+  layers.set(name, { name, label, z, isStill, topic, suits, draw, isOn: stored === null ? isOn : stored === "on" });
   changed.dispatchEvent(new Event("change"));
 }
 
@@ -66,7 +66,8 @@ export class Switches {
   }
 
   fill() {
-    const isOffered = ({ label, topic }) => label && (topic === null || !this.topics || this.topics.includes(topic));
+    const has = (topic) => this.topics.includes(topic);
+    const isOffered = ({ label, topic, suits }) => label && (!this.topics || ((topic === null || has(topic)) && suits(has)));
     const known = new Map([...this.box.children].map((button) => [button.dataset.layer, button]));
     const wanted = inOrder().filter(isOffered).reverse().map((one) => {
       const button = known.get(one.name) ?? makeSwitch(one);

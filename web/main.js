@@ -21,10 +21,12 @@ import { ProfileView } from "./profile.js";
 import { Recordings } from "./recordings.js";
 import { Replay, askedRecording, streamOf } from "./replay.js";
 import { RouteState } from "./route.js";
+import { RunCard, runText } from "./run.js";
 import { Scene } from "./scene.js";
 import { Suggestions } from "./suggestions.js";
 import { offerThemes } from "./theme.js";
 import { toast } from "./toast.js";
+import { closenessOf } from "./viewport.js";
 
 const $ = (id) => document.getElementById(id);
 const TURN = 250; // ms between two looks at how fresh the picture is
@@ -45,6 +47,7 @@ listenToKeys(map, proposeGoal);
 const goals = new GoalCard($("goal-card"), map, driver);
 const names = new PlaceNames($("goal-card"), map, () => goals.drop());
 const switches = new Switches($("map-layers"), $("map-layers-open"));
+const run = new RunCard($("run"), $("whereabouts"));
 new RouteState($("map").parentElement, connection);
 new Suggestions($("suggestions"), connection, (place) => {
   map.fit(); // it may lie outside of what is shown
@@ -67,7 +70,7 @@ connection.addEventListener("notice", ({ detail }) => {
   if (detail.header.kind === "ended") driver.endGoal(detail.header.id); // reached, given up, or taken back
 });
 connection.addEventListener("notice", ({ detail }) => {
-  if (detail.header.kind === "proposal") hearProposal([detail.header.x, detail.header.y]);
+  if (detail.header.kind === "proposal" && !driver.runsItself) hearProposal([detail.header.x, detail.header.y]);
 });
 connection.addEventListener("status", ({ detail }) => showStatus(detail.header));
 connection.addEventListener("pose", ({ detail }) => {
@@ -128,25 +131,35 @@ function showStatus(status) {
   showPanels(robot.layers);
   const isMine = who.viewer !== null && who.viewer === connection.viewer;
   driver.maxTurn = who.max_turn;
+  driver.runsItself = who.runs_itself;
+  document.body.classList.toggle("runs-itself", who.runs_itself);
+  map.comeNear(closenessOf(robot.name));
+  run.show(robot);
   $("limit").max = who.max_speed;
-  $("drive-state").textContent = driveText(who, isMine);
+  $("drive-state").textContent = driveText(status, isMine);
   handover.show(who);
   $("resume").hidden = who.stopped_by === null;
   $("cancel").hidden = who.goal === null || who.autopilot === true; // that is the explorer's
-  $("arm").hidden = robot.state === null || robot.state === "armed" || robot.state === "link lost";
+  $("arm").hidden = robot.state === null || robot.state === "armed" || robot.state === "link lost" || (who.runs_itself && who.stopped_by !== null);
+  $("arm").textContent = who.runs_itself ? "Begin a run" : "Arm";
+  $("disarm").hidden = !who.runs_itself || robot.state !== "armed";
   $("autopilot").hidden = who.autopilot === null;
   $("autopilot").setAttribute("aria-pressed", String(who.autopilot === true));
   $("autopilot").textContent = who.exploring === null ? "Autopilot" : "Explore";
+  const [one, many] = who.runs_itself ? ["bump", "bumps"] : ["vertex", "vertices"];
   $("map-figures").textContent = figures.vertices
-    ? `${figures.vertices} ${figures.vertices === 1 ? "vertex" : "vertices"}, ${figures.path_length_m.toFixed(1)} m` : "waiting for the first vertex";
+    ? `${figures.vertices} ${figures.vertices === 1 ? one : many}, ${figures.path_length_m.toFixed(1)} m` : `waiting for the first ${one}`;
   $("health-figures").textContent = titled(robot.name) + (robot.virtual ? ", virtual" : "");
-  document.title = `${titled(robot.name)} · ${figures.vertices} vertices`;
+  document.title = `${titled(robot.name)} · ${figures.vertices} ${many}`;
   showBanner();
 }
 
-/** Panels of topics that this robot has not are left out. */
+/** Panels and marks of topics that this robot has not are left out, as are those that something else stands for. */
 function showPanels(topics) {
-  for (const panel of document.querySelectorAll("[data-topic]")) panel.hidden = !topics.includes(panel.dataset.topic);
+  for (const shown of document.querySelectorAll("[data-topic], [data-without]")) {
+    const { topic, without } = shown.dataset;
+    shown.hidden = (topic !== undefined && !topics.includes(topic)) || topics.includes(without);
+  }
 }
 
 /** "Maze Runner" for maze_runner. */
@@ -156,8 +169,9 @@ function titled(name) {
 
 const EXPLORING = { looking: "looks around", driving: "explores", following: "follows a wall", done: "has explored all that it can reach" };
 
-function driveText(who, isMine) {
+function driveText({ driver: who, robot }, isMine) {
   if (who.stopped_by !== null) return "stopped";
+  if (who.runs_itself) return runText(robot);
   if (who.autopilot) return EXPLORING[who.exploring] ?? "the autopilot drives";
   if (who.goal !== null) return isMine ? "driving to your objective" : "driving to an objective";
   if (isMine) return "you drive";
@@ -182,7 +196,7 @@ function bannerText() {
   if (!status) return ["", ""];
   if (status.driver.stopped_by !== null) {
     const by = status.driver.stopped_by === connection.viewer ? "you" : status.driver.stopped_by;
-    return ["warn", `Stopped by ${by}. Press Resume to drive.`];
+    return ["warn", `Stopped by ${by}. Press Resume to ${status.driver.runs_itself ? "begin a run again" : "drive"}.`];
   }
   if (!status.session.running) return ["warn", "No session runs: nothing is recorded or mapped. Begin one in the Library."];
   if (!status.link.connected) return ["bad", "The robot's link is not connected."];
@@ -216,6 +230,7 @@ $("cancel").onclick = () => driver.cancelGoal();
 $("stop").onclick = () => driver.stop();
 $("resume").onclick = () => connection.send({ type: "resume" });
 $("arm").onclick = () => connection.send({ type: "arm", armed: true });
+$("disarm").onclick = () => connection.send({ type: "arm", armed: false });
 $("autopilot").onclick = () => connection.send({ type: "autopilot", on: page.status?.driver.autopilot !== true });
 $("map-follow").onclick = () => map.follow(!map.isFollowing);
 $("map").addEventListener("follow", ({ detail }) => $("map-follow").setAttribute("aria-pressed", String(detail)));

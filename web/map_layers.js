@@ -8,7 +8,7 @@ const UNSURE = 0.5; // m of spread at which the path has fully the colour of an 
 const SHADES = 16; // of the path's colour
 
 layer("grid", { label: "Grid", z: 0, topic: null, isStill: true, draw: drawGrid });
-layer("walls", { label: "Walls", z: 10, topic: "path", isStill: true, draw: drawWalls });
+layer("walls", { label: "Walls", z: 10, topic: "path", isStill: true, suits: (has) => !has("raw_path"), draw: drawWalls });
 layer("odometry", { label: "Path by the wheels alone", z: 15, isOn: false, isStill: true, draw: drawOdometry });
 layer("path", { label: "Path, by certainty", z: 20, isStill: true, draw: drawPath });
 layer("tail", { z: 25, topic: "pose", draw: drawTail });
@@ -19,7 +19,7 @@ layer("robot", { z: 60, topic: "pose", draw: drawRobot });
 layer("candidate", { z: 70, topic: null, draw: drawCandidate });
 
 function drawGrid(context, { scale, pixel, bounds: [left, bottom, right, top] }) {
-  const step = scale > 22 ? 1 : scale > 7 ? 5 : 10;
+  const step = scale > 220 ? 0.1 : scale > 22 ? 1 : scale > 7 ? 5 : 10;
   context.strokeStyle = colour("line");
   context.lineWidth = pixel;
   context.globalAlpha = 0.65;
@@ -74,18 +74,31 @@ function drawOdometry(context, { pixel }, { header: { origin, scale }, arrays: {
 }
 
 /** The way from the newest vertex to the robot. */
-function drawTail(context, { map, pixel }, { header: { pose } }) {
-  if (!map?.path.length) return;
+function drawTail(context, { map, pixel, frames: { clusters } }, { header: { pose } }) {
+  if (!map?.path.length || (clusters && !clusters.arrays.shares.values.length)) return;
   context.strokeStyle = colour("open");
   context.lineWidth = 2.4 * pixel;
   polyline(context, [map.path.at(-1), pose]);
 }
 
-/** The terminal distribution. */
-function drawParticles(context, { pixel }, { header: { origin, scale }, arrays }) {
-  context.fillStyle = colour("particle");
+/** The terminal distribution; with headings, where they are told. */
+function drawParticles(context, { pixel }, { header: { origin, scale }, arrays: { points, headings } }) {
+  context.fillStyle = context.strokeStyle = colour("particle");
   context.globalAlpha = 0.55;
-  for (const [x, y] of rows(arrays.points)) dot(context, [origin[0] + scale * x, origin[1] + scale * y], 2.1 * pixel);
+  context.lineWidth = 1.2 * pixel;
+  context.beginPath();
+  rows(points).forEach(([x, y], row) => {
+    const place = [origin[0] + scale * x, origin[1] + scale * y];
+    if (headings) {
+      const heading = (headings.values[row] * Math.PI) / 128;
+      context.moveTo(...place);
+      context.lineTo(place[0] + 9 * pixel * Math.cos(heading), place[1] + 9 * pixel * Math.sin(heading));
+    }
+    context.moveTo(place[0] + 2.1 * pixel, place[1]);
+    context.arc(...place, 2.1 * pixel, 0, 7);
+  });
+  context.fill();
+  if (headings) context.stroke();
 }
 
 function drawNow(context, { pose, pixel }, { header, arrays }) {
@@ -105,7 +118,10 @@ function drawGoal(context, { pixel }, { header: { goal } }) {
   dot(context, goal, 4 * pixel);
 }
 
-function drawRobot(context, { scale }, { header: { pose } }) {
+/** Faint where it may be elsewhere, and not at all while it may be anywhere. */
+function drawRobot(context, { scale, frames: { clusters } }, { header: { pose } }) {
+  if (clusters && !clusters.arrays.shares.values.length) return;
+  if (clusters && !clusters.header.is_localized) context.globalAlpha = 0.4;
   standAt(context, pose);
   const size = Math.max(1, 12 / (0.076 * scale));
   context.scale(size, size);

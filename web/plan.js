@@ -3,7 +3,7 @@
 import { arrow, channels, colour, polyline } from "./canvas.js";
 import { drawName } from "./labels.js";
 import { compose, inverse, transform } from "./pose.js";
-import { Viewport } from "./viewport.js";
+import { Viewport, closenessOf } from "./viewport.js";
 
 const UNSURE = 0.5; // m of spread at which the path has fully the colour of an open one
 const STEP = 60; // pixels that an arrow key moves the plan
@@ -30,6 +30,7 @@ export class Plan extends Viewport {
   /** Take a map's document (map.json), which was made in `frame`. */
   take(content, frame) {
     this.map = drawable(content);
+    this.closeness = closenessOf(content.robot);
     this.loaded = this.frame = frame;
     this.other = null;
     this.fit();
@@ -154,7 +155,7 @@ function drawPath(context, { path, settled, spread }, pixel) {
 function drawGrid(context, pixel, view) {
   const [left, top] = view.toWorld(0, 0);
   const [right, bottom] = view.toWorld(view.drawing.width, view.drawing.height);
-  const step = view.scale > 22 ? 1 : view.scale > 7 ? 5 : 10;
+  const step = view.scale > 220 ? 0.1 : view.scale > 22 ? 1 : view.scale > 7 ? 5 : 10;
   context.strokeStyle = colour("line");
   context.lineWidth = pixel;
   context.globalAlpha = 0.65;

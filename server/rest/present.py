@@ -17,7 +17,7 @@ from server.map_exports import FORMATS, Format, Sheet
 from server.messages import Snapshot
 from server.rest.answers import refusal
 from server.rest.files import Press, answer, documented
-from server.survey import Survey, survey_of
+from server.survey import Survey, survey_of, titled
 from slam.motion import MotionParams
 
 
@@ -36,7 +36,7 @@ def add_files(router: APIRouter, cockpit: Cockpit) -> None:
     def add(name: str, made: Format) -> None:
         async def present(request: Request) -> Response:
             snapshot = cockpit.snapshot()
-            sheet = Sheet(present_survey(cockpit, snapshot), snapshot.labels, snapshot.robot.capitalize())
+            sheet = Sheet(present_survey(cockpit, snapshot), snapshot.labels, titled(snapshot.robot))
             tag = f"{name}-{tag_of(snapshot)}"
             content = partial(press.make, tag, lambda: partial(made.make, sheet), made.is_drawn)
             return await answer(request, tag, f"map.{name}", made.media_type, content)

@@ -2,14 +2,14 @@
 
 It logs stages of drive, back up, turn (`slam.cart_odometry`), which come as they end. Those that were lost on the way
 are asked for again from the robot's own log. The pose is dead reckoned from the counters; every bump is a vertex, at
-which the bumper's bar is all that is known of a wall.
+which the bumper's bar is all that is known of a wall. Uses its sibling `track`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ from server.messages import (
     CartStage,
     Effect,
     Estimate,
+    Felt,
     Goal,
     Keyframe,
     Message,
@@ -33,13 +34,16 @@ from server.messages import (
     nothing_known,
     shown_of,
 )
+from server.robots.track import Track
 from slam.area import Area, area_of
 from slam.bump_estimator import LocalizedCart, MappedCart
 from slam.bump_localizer import BumpLocalizerParams
 from slam.bump_mapper import BumpMapperParams
+from slam.bumps import band_of
 from slam.cart_odometry import DRIVE, LEFT, MIDDLE, RIGHT, CartParams, Stage, arc
 from slam.params import Params
-from slam.pose import between, compose, transform
+from slam.pose import between, compose, inverse
+from slam.pose_clusters import Belief
 from slam.walls import Walls
 
 WRAP = 65_536  # ticks
@@ -160,8 +164,11 @@ class BumperCart:
         self.times: list[float] = []
         self.observations: list[Walls] = []
         self.curves: list[list[np.ndarray]] = []  # the bumper's bar at each of them
+        self.track = Track(self.cart)
         self.estimate: Estimate | None = None
-        self.best_walls: list[np.ndarray] = []
+        self.lead = 0  # the vertex since which it was localized without a break, or else the newest
+        self.area = None if params.map is None else area_named(params.map)
+        self.band = band_of(self.area, self.cart, params.localizer.tolerance) if self.area else None
         self.boards: dict[str, Status] = {}
 
     def step(self, message: Message) -> list[Effect]:
@@ -172,8 +179,7 @@ class BumperCart:
             case CartStage():
                 return self.log(message)
             case Estimate():
-                self.estimate = message
-                self.best_walls = self.walls_along(message.path)
+                self.believe(message)
             case Arm(armed=True):
                 run = self.params.run
                 return [RunCommand(run.bumps, run.seed, run.is_matched, run.leash, run.is_coarse)]
@@ -224,7 +230,8 @@ class BumperCart:
         effects: list[Effect] = []
         while self.next_number in self.early:
             told, odometry = self.early.pop(self.next_number)
-            self.reckoned = self.reckoned_after(told, odometry)
+            before, self.reckoned = self.reckoned, self.reckoned_after(told, odometry)
+            self.track.add(told.stage, before, self.reckoned)
             self.runs[-1].stages.append(told.stage)
             self.runs[-1].times.append(told.t)
             self.fresh.append(told.stage)
@@ -237,6 +244,13 @@ class BumperCart:
     def reckoned_after(self, told: CartStage, odometry: np.ndarray) -> np.ndarray:
         """The odometry at the end of a stage: that of then, or, of one that was told later, along its own arc."""
         return compose(self.reckoned, arc(told.stage.left, told.stage.right, self.cart)) if told.is_kept else odometry
+
+    def believe(self, estimate: Estimate) -> None:
+        """Take up the estimator's answer."""
+        belief, before = estimate.belief, self.estimate.belief if self.estimate else None
+        if not (belief and belief.is_localized and before and before.is_localized):
+            self.lead = len(estimate.path) - 1
+        self.estimate = estimate
 
     def ask(self, cart: Cart) -> list[Effect]:
         """Ask for stages that the robot has logged and that have not come, and give them up after some times."""
@@ -316,13 +330,30 @@ class BumperCart:
         newest = len(self.estimate.path) - 1
         return compose(self.estimate.path[newest], between(self.vertices[newest], self.odometry))
 
-    def walls_along(self, path: np.ndarray) -> list[np.ndarray]:
-        """The bumper's bar (2, 2) in the world at each bump when the vertices stand at `path` (n, 3)."""
-        return [transform(pose, curve) for pose, seen in zip(path, self.curves, strict=False) for curve in seen]
+    def felt(self) -> Felt:
+        """What it did and felt, and where on a given map it may bump."""
+        return Felt(*self.track.drawn(), self.laid(), self.truant, self.band)
+
+    def walls(self) -> list[np.ndarray]:
+        """Curves (k, 2) of the map that was given, or of the one so far."""
+        if self.area is not None:
+            return list(self.area.walls.reshape(-1, 2, 2))
+        return (self.estimate.walls if self.estimate else None) or []
+
+    def laid(self) -> np.ndarray:
+        """The pose (3,) of odometry's frame in the world: that of its own start, or on a given map as it was found."""
+        if self.area is None or self.estimate is None:
+            return np.zeros(3)
+        return compose(self.estimate.path[self.lead], inverse(self.vertices[self.lead]))
+
+    def nothing_felt(self) -> Estimate:
+        """The estimate before the first bump: on a map it may be anywhere."""
+        nothing = nothing_known(self.t, self.odometry, 1)
+        return nothing if self.area is None else replace(nothing, belief=Belief([], False))
 
     def snapshot(self) -> Snapshot:
         """The robot as a viewer sees it now; it has no local map, and no histogram."""
-        estimate = self.estimate or nothing_known(self.t, self.odometry, 1)
+        estimate = self.estimate or self.nothing_felt()
         known = len(self.estimate.path) if self.estimate else 0
         return Snapshot(
             t=self.t,
@@ -343,12 +374,13 @@ class BumperCart:
             goal=None,
             goal_bearing=None,
             steering=None,
-            walls=self.best_walls,
+            walls=self.walls(),
             vertex_curves=self.curves[:known],
             observations=self.observations[:known],
             vertex_times=np.array(self.times[:known]),
             vertex_odometry=np.array(self.vertices[:known]).reshape(-1, 3),
             cart=self.now,
+            felt=self.felt(),
             looked=self.t,
             battery_limits=(self.params.battery_low, self.params.battery_empty),
             boards=dict(self.boards),

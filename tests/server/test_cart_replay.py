@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
@@ -52,14 +53,39 @@ def late_errors(log, out, share=0.5):
 
 def test_on_a_map_that_is_known_it_is_found_and_the_same_seed_gives_the_same_bytes(run, tmp_path):
     report = mapped(run, tmp_path / "one", map="cut-rectangle")
-    assert {file.name for file in (tmp_path / "one").iterdir()} == OUTPUTS
+    assert {file.name for file in (tmp_path / "one").iterdir()} == {*OUTPUTS, "clusters.csv"}
     off, turned = late_errors(run, tmp_path / "one")
     assert np.median(off) < 0.05
     assert np.median(turned) < math.radians(8.0)
     assert (report.robot, report.vertices > 20) == ("bumper_cart", True)
     mapped(run, tmp_path / "two", map="cut-rectangle")
-    for name in sorted(OUTPUTS - {"report.json", "map.png"}):
+    for name in sorted({*OUTPUTS, "clusters.csv"} - {"report.json", "map.png"}):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
+
+
+def test_where_it_may_have_been_is_told_bump_by_bump(run, tmp_path):
+    report = mapped(run, tmp_path, map="cut-rectangle")
+    with (tmp_path / "clusters.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {int(row["vertex"]) for row in rows} == set(range(report.vertices))
+    for vertex in range(report.vertices):
+        places = [row for row in rows if int(row["vertex"]) == vertex]
+        shares = [float(row["share"]) for row in places]
+        assert shares == sorted(shares, reverse=True)
+        assert sum(shares) <= 1.0 + 1e-3 * len(shares)
+        assert [int(row["place"]) for row in places] == list(range(len(places)))
+        assert all(row["localized"] == places[0]["localized"] for row in places)
+        assert shares[0] >= 0.95 or places[0]["localized"] == "0"
+    assert report.localization is not None
+    assert report.localization.localized
+    since = report.localization.since_vertex
+    assert since is not None
+    is_found = [row["localized"] == "1" for row in rows if row["place"] == "0"]
+    assert all(is_found[since:])
+    assert since == 0 or not is_found[since - 1]
+    assert report.localization.shares == [
+        float(row["share"]) for row in rows if int(row["vertex"]) == len(is_found) - 1
+    ]
 
 
 def test_without_a_map_it_makes_one_and_its_path_is_better_than_its_counters(run, tmp_path):
@@ -79,6 +105,8 @@ def test_without_a_map_it_makes_one_and_its_path_is_better_than_its_counters(run
     assert found < 0.5 * absolute_error(np.array(reckoned), truth).translation.rmse
     assert json.loads((tmp_path / "map.json").read_text())["walls"]
     assert report.particles == 3000
+    assert report.localization is None
+    assert not (tmp_path / "clusters.csv").exists()
 
 
 def test_a_map_that_cannot_be_used_is_told(run, tmp_path):

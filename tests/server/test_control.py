@@ -331,3 +331,24 @@ def test_every_stop_and_disarming_is_in_the_log():
     helm.hear("a", ArmWord(type="arm", armed=True), 4.0)
     told = [(entry.t, entry.reason, entry.by) for entry in helm.stops.newest()]
     assert told == [(3.0, "disarmed", "a"), (2.0, "pressed Stop", "b"), (1.0, "pressed Stop", "a")]
+
+
+def test_a_robot_that_runs_itself_is_told_to_begin_and_to_end_and_nothing_else():
+    helm = Control(ControlParams(), runs_itself=True)
+    for word in (drive(1.0), goal(1.0), HoldWord(type="hold", seen=1.0)):
+        with pytest.raises(Refused, match="drives by itself"):
+            helm.hear("a", word, 1.0)
+    assert helm.driver is None
+    assert helm.hear("a", ArmWord(type="arm", armed=True), 1.0) == [Arm(1.0, True)]
+    assert helm.tick(9.0) == [], "it runs on without anybody's lease"
+    assert helm.leave("a", 9.5) == []
+    assert helm.hear("b", ArmWord(type="arm", armed=False), 10.0) == [Arm(10.0, False)]
+
+
+def test_after_a_stop_no_run_begins_until_somebody_resumes():
+    helm = Control(ControlParams(), runs_itself=True)
+    assert helm.hear("a", plain("stop"), 1.0) == [Stop(1.0)]
+    with pytest.raises(Refused, match="press Resume"):
+        helm.hear("a", ArmWord(type="arm", armed=True), 2.0)
+    helm.hear("a", plain("resume"), 3.0)
+    assert helm.hear("a", ArmWord(type="arm", armed=True), 4.0) == [Arm(4.0, True)]

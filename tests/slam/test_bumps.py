@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.area import area_of, is_inside
-from slam.bumps import bumper_gap, drive_until_contact, in_bump_space
+from slam.bumps import HEADINGS, band_of, bumper_gap, drive_until_contact, in_bump_space
 from slam.cart_odometry import CartParams
 from tests.naive import bumps as naive
 from tests.slam.cart_areas import CUT, PILLAR, RECTANGLE
@@ -91,3 +91,19 @@ def test_every_contact_is_in_bump_space(outlines):
     assert np.all(in_bump_space(area, ends[at_ends], CART, 0.01))
     turned = ends + [0.0, 0.0, math.pi]
     assert not np.any(in_bump_space(area, turned, CART, 0.01))
+
+
+def test_the_band_is_the_bump_space_summed_over_headings():
+    area = area_of(PILLAR)
+    band = band_of(area, CART, 0.001)
+    assert band.shares.shape == area.distances.shape
+    headings = 2.0 * math.pi * (np.arange(HEADINGS) + 0.5) / HEADINGS
+    rng = np.random.default_rng(3)
+    near = np.argwhere(np.abs(area.distances) < 0.12)
+    for row, column in rng.permutation(near)[:200]:
+        place = [area.x + area.spacing * column, area.y + area.spacing * row]
+        poses = np.column_stack([np.tile(place, (HEADINGS, 1)), headings])
+        tolerance = max(0.001, area.spacing)  # no thinner than the nodes stand apart
+        assert band.shares[row, column] == pytest.approx(in_bump_space(area, poses, CART, tolerance).mean())
+    far = (area.distances > math.hypot(AHEAD, HALF) + area.spacing) | (area.distances <= 0.0)
+    assert not band.shares[far].any()
