@@ -139,7 +139,8 @@ class BumpLocalizer:
         wall = self.params.tolerance if stage.bumper else 0.0
         way_sigma = math.hypot(cart.distance_noise * math.sqrt(abs(way)), ticks, wall)
         drift = cart.turn_noise * math.sqrt(abs(way))
-        return Leg(way, turn, way_sigma, math.hypot(drift, cart.rotation_noise * turn, 2.0 * ticks / cart.wheelbase))
+        turn_sigma = math.hypot(drift, cart.rotation_noise * turn, 2.0 * ticks / cart.wheelbase)
+        return Leg(way, turn, way_sigma, turn_sigma, stage.bumper if cart.switches == 3 else 0)
 
     def bump(self, leg: Leg) -> None:
         """Drive the particles to their walls, let some begin anew, choose who goes on, and test a claim."""
