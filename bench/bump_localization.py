@@ -38,6 +38,7 @@ SENSITIVE = {
     "bumper_width": (0.5, 0.75, 1.25, 1.5),
     "band": (0.25, 0.5, 2.0, 4.0),
 }  # what each rule is told, as a multiple of what it is told otherwise
+EARLY = 10  # bumps of a path whose beginning is told
 
 
 class Case(NamedTuple):
@@ -51,13 +52,14 @@ class Case(NamedTuple):
     changed: str = ""
     factor: float = 1.0
     width: float = CartParams().bumper_width
+    switches: int = 1
     is_matched: bool = False
     is_coarse: bool = False
 
 
 def localizer_of(case: Case, area: Area, seed: int) -> BumpLocalizer | Survivors:
     """The rule, with what it is told."""
-    cart, survival = CartParams(bumper_width=case.width), Survival(particles=case.particles)
+    cart, survival = CartParams(bumper_width=case.width, switches=case.switches), Survival(particles=case.particles)
     tolerance = PARAMS.tolerance
     if case.changed == "band":
         survival = survival._replace(tolerance=case.factor * survival.tolerance)
@@ -86,23 +88,32 @@ def is_near(cluster: Cluster, true: np.ndarray) -> bool:
 
 def run(case: Case, seed: int) -> Record:
     """One cart's way."""
-    world, build = load_world(case.room), CartBuild(bumper_width=case.width)
+    world, build = load_world(case.room), CartBuild(bumper_width=case.width, switches=case.switches)
     area = area_of(closed_outlines(world.segments, world.name))
-    stages, truth = run_cart(world, seed, case.hits, None, build, case.is_matched, case.is_coarse)
-    poses = truth[1:]
+    stages, driven = run_cart(world, seed, case.hits, None, build, case.is_matched, case.is_coarse)
+    poses = driven[1:]
     carried = case.hits if case.is_carried else 0
     if carried:
         more, then = run_cart(world, seed, case.hits, random_start(world, seed + 1_000_000, build), build)
         stages, poses = stages + more, np.concatenate([poses, then[1:]])
     localizer = localizer_of(case, area, seed)
     record: Record = {"seed": seed, "first": None, "is_right": False, "claims": 0, "wrong_claims": 0}
-    hits = 0
+    hits, then, truth = 0, [], []
     for stage, true in zip(stages, poses, strict=True):
         localizer.step(Stage(*stage))
         if stage.kind == DRIVE:
             hits += 1
-            note(record, told(localizer), true, hits, carried)
+            found = told(localizer)
+            note(record, found, true, hits, carried)
             record["particles"] = len(localizer.poses)
+            if stage.bumper:
+                then.append(found[0].pose if found else np.full(3, np.nan))
+                truth.append(true)
+    if isinstance(localizer, BumpLocalizer) and not carried:
+        begun = localizer.path()
+        begun = np.where(np.isfinite(begun), begun, then)[:EARLY]  # what nobody left has seen stays as it was told
+        for name, path in (("then", np.array(then[:EARLY])), ("now", begun)):
+            record[name] = float(np.nanmedian(np.hypot(*(path - truth[:EARLY])[:, :2].T)))
     found = told(localizer)
     record["is_lost"] = not found
     twin = np.array([1.5 - poses[-1, 0], 1.1 - poses[-1, 1], wrap(poses[-1, 2] + math.pi)])
@@ -159,9 +170,13 @@ ERRORS = tuple(
         Column("degrees", figures(f"turn_{hits}", 0, 0.5, 0.9)),
     )
 )
+BEGINNING = (
+    Column(f"first {EARLY} bumps off as told then: median / p90 (m)", figures("then", 3, 0.5, 0.9)),
+    Column("as told after the run", figures("now", 3, 0.5, 0.9)),
+)
 LOCALIZATION: Mapping[str, Case] = {
     f"{rule}, {number} particles": Case(rule, number) for rule in RULES for number in NUMBERS
-}
+} | {f"ours, {number} particles, three switches": Case("ours", number, switches=3) for number in (300, 2000)}
 TRACKING: Mapping[str, Case] = (
     {f"{rule}, 100 hits": Case(rule, hits=100) for rule in RULES}
     | {f"{rule}, carried elsewhere": Case(rule, is_carried=True) for rule in RULES}
@@ -192,7 +207,7 @@ BENCHES = (
         name="bump-tracking",
         about="errors over a hundred bumps, carts that are carried elsewhere, and a room that is symmetric",
         rows=each(run, TRACKING),
-        columns=(*COLUMNS, *ERRORS, Column("both places of a symmetric room told", share("two"))),
+        columns=(*COLUMNS, *ERRORS, *BEGINNING, Column("both places of a symmetric room told", share("two"))),
         seeds=100,
         minutes=15,
         heading="rule",

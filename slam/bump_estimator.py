@@ -28,6 +28,7 @@ class LocalizedCart:
         self.localizer = BumpLocalizer(area, cart, params, seed)
         self.path: list[np.ndarray] = []
         self.beliefs: list[Belief] = []  # after each bump, as it was then
+        self.bumps: list[int] = []  # the localizer's at each vertex, counted from 0; -1 where there was none
         self.found: Estimate | None = None  # after the newest bump
 
     @property
@@ -37,14 +38,19 @@ class LocalizedCart:
 
     def extend(self, pose: np.ndarray, stages: Sequence[Stage], travelled: float) -> None:
         """Add a bump: the pose (3,) that was reckoned, the stages since the one before, and m driven in them."""
+        before = self.localizer.hits
         for stage in stages:
             self.localizer.step(stage)
+        self.bumps.append(self.localizer.hits - 1 if self.localizer.hits > before else -1)
         self.found = self.localizer.estimate()
         self.path.append(np.array(pose, float) if self.found is None else self.found.pose)
         self.beliefs.append(Belief(self.found.clusters, self.found.is_localized) if self.found else Belief([], False))
 
     def estimate(self, max_particles: int = 500) -> PathEstimate:
-        """The heaviest cluster's mean after each bump, as it was then. RuntimeError before the first one."""
+        """The heaviest cluster's mean after each bump, as it was then until the run is over; then as of all of it.
+
+        RuntimeError before the first bump.
+        """
         if not self.path:
             raise RuntimeError("no bump was told yet")
         found, shown = self.found, self.shown(max_particles)
@@ -72,7 +78,11 @@ class LocalizedCart:
         """Nothing: as many as the spread needs are taken."""
 
     def conclude(self) -> None:
-        """Nothing is left to do when the run is over."""
+        """The run is over: the path is that of the particles which are left, as far back as they began."""
+        smoothed = self.localizer.path()
+        for vertex, bump in enumerate(self.bumps):
+            if bump >= 0 and np.isfinite(smoothed[bump, 0]):
+                self.path[vertex] = smoothed[bump]
 
 
 class MappedCart:

@@ -3,7 +3,8 @@
 Headings are drawn, ways are not: a drive that ended at a wall ended where its arc first meets one, and the particle
 weighs what the logged way is worth against that, so that no particle is lost to where along its drive it is. A bump may
 leave more behind than the counters tell: wheels slip along the wall, or the bumper flattens against it and the cart
-stands square. Uses its siblings `area`, `bumps` and `counter_random`.
+stands square. Of a bumper with three switches those that are closed tell which end met the wall, or that both did. Uses
+its siblings `area`, `bumps`, `cart_odometry` and `counter_random`.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from numba import njit
 
 from slam.area import along_arc, clearance
 from slam.bumps import drive_until_contact
+from slam.cart_odometry import LEFT, MIDDLE, RIGHT
 from slam.counter_random import gaussian_of, uniform_of
 
-WAY, HEADING, IS_SLIP, SLIP_WAY, SLIP_TURN, SLIDE, FLATTEN, IS_BLOCKED, BLOCKED, PLACE = range(
-    10
-)  # streams of random numbers
+(
+    WAY, HEADING, IS_SLIP, SLIP_WAY, SLIP_TURN, SLIDE, FLATTEN, IS_BLOCKED, BLOCKED, PLACE, IS_FELT,
+) = range(11)  # streams of random numbers  # fmt: skip
 NEVER = 1e-12  # density (1/m) of what no error explains
 BEYOND = 0.25  # m past the logged way within which a wall is looked for
 TRIES = 64  # poses drawn for one start
@@ -28,16 +30,23 @@ SPREAD = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # 1/g, 1/
 # multiples fill a cube evenly (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018)
 BACKWARD = 0.2  # of the slips make the logged way too short
 BLOCKED_SHARE = 0.5  # of turns on the spot with a wall within reach, which is all that is known of them
+FLAT = 0.02  # rad within which a bumper may meet a wall with both ends
+WRONG = 0.05  # of the bumps close other switches than a particle's should
+BOTH = 0.8  # of bumpers that are flat against a wall close the switches of both ends, others one of them
 STEEPEST = 0.1  # cosine at which walls that are met at small angles count
 
 
 class Leg(NamedTuple):
-    """A stage as particles take it: `way` m (negative backwards), `turn` rad, standard deviations of both."""
+    """A stage as particles take it: `way` m (negative backwards), `turn` rad, standard deviations of both.
+
+    `felt` are the bits of the switches closed at its end, of a bumper that has three; 0 where nothing is told of them.
+    """
 
     way: float
     turn: float
     way_sigma: float
     turn_sigma: float
+    felt: int = 0
 
 
 class Touch(NamedTuple):
@@ -76,7 +85,7 @@ def move(area, poses, scales, leg, touch, key):
 
 @njit(cache=True)
 def drive_to_wall(area, poses, scales, log_weights, leg, touch, key):
-    """Drive particles (n, 3) until their walls, in place, and add the log density (1/m) of the logged way."""
+    """Drive particles (n, 3) until their walls, in place; add the log density (1/m) of the way and what was felt."""
     for p in range(poses.shape[0]):
         turn = leg.turn * scales[p] + leg.turn_sigma * gaussian_of(key, p, HEADING)
         curvature = turn / max(leg.way, 1e-6)
@@ -87,8 +96,10 @@ def drive_to_wall(area, poses, scales, log_weights, leg, touch, key):
             area, poses[p, 0], poses[p, 1], poses[p, 2], curvature, leg.way + BEYOND, touch.ahead, touch.half_width
         )
         error = leg.way - contact.way
-        log_weights[p] += math.log(way_density(error, cosine_at(area, contact), leg.way_sigma, touch) + NEVER)
+        density = way_density(error, cosine_at(area, contact), leg.way_sigma, touch)
         poses[p, 0], poses[p, 1], poses[p, 2] = after_bump(area, contact, max(error, 0.0), touch, key, p)
+        off = off_square(area, contact, poses[p, 2])
+        log_weights[p] += math.log(density * felt_share(leg.felt, contact.across, off, touch) + NEVER)
 
 
 @njit(cache=True)
@@ -123,19 +134,34 @@ def way_density(error, cosine, sigma, touch):
 
 
 @njit(cache=True)
-def off_square(area, contact):
-    """Angle (rad) from the normal of the wall that was met to the heading, within a quarter turn; 0 without a wall."""
+def felt_share(felt, across, off, touch):
+    """Probability that these switches are closed where the wall is met at `across` m of the bumper, `off` rad askew.
+
+    One where nothing is told of them (0); else those of both ends, and of each third alone, sum to one.
+    """
+    if felt == 0:
+        return 1.0
+    if abs(off) < FLAT:
+        return BOTH if felt == LEFT | RIGHT else (1.0 - BOTH) / 3.0
+    third = touch.half_width / 3.0
+    expected = LEFT if across > third else RIGHT if across < -third else MIDDLE
+    return 1.0 - WRONG if felt == expected else WRONG / 3.0
+
+
+@njit(cache=True)
+def off_square(area, contact, heading):
+    """Angle (rad) from the normal of the wall that was met to a heading, within a quarter turn; 0 without a wall."""
     if contact.wall < 0:
         return 0.0
     x1, y1, x2, y2 = area.walls[contact.wall]
-    off = wrapped(contact.heading - math.atan2(x2 - x1, y1 - y2))
+    off = wrapped(heading - math.atan2(x2 - x1, y1 - y2))
     return wrapped(off + math.pi) if abs(off) > 0.5 * math.pi else off
 
 
 @njit(cache=True)
 def cosine_at(area, contact):
     """Cosine of the same angle."""
-    return math.cos(off_square(area, contact))
+    return math.cos(off_square(area, contact, contact.heading))
 
 
 @njit(cache=True)
@@ -148,7 +174,7 @@ def after_bump(area, contact, overrun, touch, key, p):
     heading = contact.heading
     if contact.wall < 0:
         return contact.x, contact.y, wrapped(heading)
-    off = off_square(area, contact)
+    off = off_square(area, contact, heading)
     x = contact.x + touch.ahead * math.cos(heading) - contact.across * math.sin(heading)
     y = contact.y + touch.ahead * math.sin(heading) + contact.across * math.cos(heading)
     along = heading - off + math.copysign(0.5 * math.pi, off)  # the wall's direction, the way that the cart drives
@@ -165,11 +191,12 @@ def after_bump(area, contact, overrun, touch, key, p):
 
 @njit(cache=True)
 def start_anywhere(area, poses, scales, leg, touch, key):
-    """Bumps (n, 3) of carts that began a drive anywhere on the floor and drove the logged way; the way's density (1/m).
+    """Bumps (n, 3) of carts that began a drive anywhere on the floor and drove the logged way; its density (1/m).
 
     A pose drawn evenly is on such a drive if a wall is met within the way from there and the rest of the way behind is
     free: bumps come out as often as even starts make them, and the share of poses that are, over the way, is the
-    density of so long a way. Poses are drawn by the sequence of `SPREAD`. Rows that no try found are nan.
+    density of so long a way, with the switches that were felt. Poses are drawn by the sequence of `SPREAD`. Rows that
+    no try found are nan.
     """
     low_x, low_y = area.x, area.y
     width = area.spacing * (area.distances.shape[1] - 1)
@@ -200,7 +227,11 @@ def start_anywhere(area, poses, scales, leg, touch, key):
         whole = drive_until_contact(area, x, y, heading, curvature, length + 0.01, touch.ahead, touch.half_width)
         if abs(whole.way - length) > 2e-3:
             continue
-        poses[n_found, 0], poses[n_found, 1], poses[n_found, 2] = after_bump(area, whole, overrun, touch, key, drawn)
+        x, y, heading = after_bump(area, whole, overrun, touch, key, drawn)
+        off = off_square(area, whole, heading)
+        if uniform_of(key, drawn, IS_FELT) >= felt_share(leg.felt, whole.across, off, touch):
+            continue
+        poses[n_found, 0], poses[n_found, 1], poses[n_found, 2] = x, y, heading
         n_found += 1
     return n_found / max(1, n_on_floor) / way
 

@@ -51,6 +51,7 @@ class CartParams(NamedTuple):
     slip_distance: float = 0.06  # m that they go on then, in the mean, at a wall they meet square; along a wall more
     slip_turn: float = 0.1  # rad that this may turn the cart
     flatten_distance: float = 0.15  # m of going on that make the cart stand square to the wall, in the mean
+    switches: int = 1  # of the bumper: one for all of it, or three for its thirds
 
 
 def arc(left: np.ndarray | int, right: np.ndarray | int, params: CartParams) -> np.ndarray:

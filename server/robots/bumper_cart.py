@@ -77,6 +77,7 @@ class CartBuild(Params):
             tick=self.tick,
             bumper_width=self.bumper_width,
             bumper_ahead=self.bumper_ahead,
+            switches=self.switches,
         )
 
 

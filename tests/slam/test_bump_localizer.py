@@ -12,10 +12,20 @@ from firmware.virtual.polygons import closed_outlines
 from firmware.virtual.worlds import load_world
 from slam.area import area_of, clearance
 from slam.bump_localizer import BumpLocalizer, BumpLocalizerParams
-from slam.bump_particles import Leg, Touch, after_bump, drive_free, drive_to_wall, move, start_anywhere, way_density
+from slam.bump_particles import (
+    Leg,
+    Touch,
+    after_bump,
+    drive_free,
+    drive_to_wall,
+    felt_share,
+    move,
+    start_anywhere,
+    way_density,
+)  # fmt: skip
 from slam.bump_survivors import Survival, Survivors, noise_of
 from slam.bumps import drive_until_contact, in_bump_space
-from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage, arc, bumper_points
+from slam.cart_odometry import BACK, DRIVE, LEFT, MIDDLE, RIGHT, TURN, CartParams, Stage, arc, bumper_points
 from slam.counter_random import vertex_key
 from slam.pose import wrap
 from slam.pose_clusters import bins_of, clusters, enough_particles, within
@@ -97,6 +107,54 @@ def test_a_drive_that_met_nothing_is_not_before_a_wall():
     assert log_weights[0] == pytest.approx(0.0, abs=1e-6)
     assert log_weights[1] < -10.0
     assert poses[1, 0] == pytest.approx(1.5 - 0.09, abs=1e-6)  # where the wall is
+
+
+FELT = {LEFT: {"left"}, MIDDLE: {"middle"}, RIGHT: {"right"}, LEFT | RIGHT: {"left", "right"}}
+
+
+@pytest.mark.parametrize("off", [-0.5, 0.0, 0.019, 0.021])
+@pytest.mark.parametrize("across", [-0.0381, -0.0128, -0.0126, 0.0, 0.0126, 0.0128, 0.0381])
+def test_switches_are_as_likely_as_their_twin_says(across, off):
+    shares = [felt_share(felt, across, off, TOUCH) for felt in FELT]
+    assert sum(shares) == pytest.approx(1.0)
+    assert shares == pytest.approx([naive.felt_share(closed, across, off, 0.0381) for closed in FELT.values()])
+    assert felt_share(0, across, off, TOUCH) == 1.0
+
+
+def test_the_end_that_met_the_wall_tells_which_way_a_cart_stood_askew():
+    area, weights = area_of(RECTANGLE), {}
+    for felt in (0, *FELT):
+        poses, weights[felt] = np.array([[0.6, 0.5, 0.3], [0.6, 0.5, -0.3], [0.6, 0.5, 0.0]]), np.zeros(3)
+        drive_to_wall(area, poses, np.ones(3), weights[felt], Leg(0.8, 0.0, 0.05, 0.0, felt), SURE, KEY)
+    told = {felt: np.exp(weights[felt] - weights[0]) for felt in FELT}
+    np.testing.assert_allclose(told[RIGHT][:2], [0.95, 0.05 / 3.0], rtol=1e-6)  # to the left of the wall's normal
+    np.testing.assert_allclose(told[LEFT][:2], [0.05 / 3.0, 0.95], rtol=1e-6)
+    np.testing.assert_allclose(told[LEFT | RIGHT], [0.05 / 3.0, 0.05 / 3.0, 0.8], rtol=1e-6)
+
+
+def test_starts_feel_what_was_felt():
+    area, density, ends = area_of(CUT), {}, {}
+    for felt in (0, *FELT):
+        ends[felt] = np.empty((2000, 3))
+        leg = Leg(0.5, 0.1, 0.002, 0.0, felt)
+        density[felt] = start_anywhere(area, ends[felt], np.ones(2000), leg, SURE, KEY)
+    assert sum(density[felt] for felt in FELT) == pytest.approx(density[0], rel=0.1)
+    points = bumper_points(ends[LEFT][np.isfinite(ends[LEFT][:, 0])], CART)
+    rooms = np.array([[clearance(area, x, y) for x, y in ends] for ends in points])
+    assert np.mean(rooms[:, 0] < rooms[:, 2]) > 0.9
+
+
+def test_three_switches_find_a_cart_earlier():
+    shares = []
+    for seed in range(700, 708):
+        stages, truth = run_cart(load_world("cut-rectangle"), seed, 7, build=CartBuild(switches=3))
+        for switches in (1, 3):
+            cart = CART._replace(switches=switches)
+            localizer = BumpLocalizer(area_in("cut-rectangle"), cart, BumpLocalizerParams(particles=700), seed)
+            found = known(drive(localizer, stages)).clusters
+            shares.append(sum(one.share for one in found if is_right(one.pose, truth[-1])))
+    alone, told = np.mean(np.reshape(shares, (8, 2)), axis=0)
+    assert told > alone + 0.1
 
 
 def test_starts_are_as_frequent_and_where_driving_from_anywhere_ends():
@@ -202,6 +260,24 @@ def test_a_carried_cart_is_found_again():
     assert is_right(known(localizer).pose, truth[-1])
 
 
+def test_others_overrule_a_place_that_is_sure_because_the_true_one_was_lost():
+    wrong, untested = 0, 0
+    for seed in range(600, 612):
+        stages, truth = run_cart(load_world("cut-rectangle"), seed, 12, build=CartBuild(drift="low"))
+        for opinions in (0, 5):
+            params = BumpLocalizerParams(particles=150, children=1, opinions=opinions)
+            localizer = BumpLocalizer(area_in("cut-rectangle"), CART, params, seed)
+            for stage, true in zip(stages, truth[1:], strict=True):
+                localizer.step(Stage(*stage))
+                estimate = localizer.estimate()
+                if stage.kind == DRIVE and estimate is not None and estimate.is_localized:
+                    is_wrong = not is_right(estimate.pose, true)
+                    wrong, untested = wrong + is_wrong * (opinions > 0), untested + is_wrong * (opinions == 0)
+                    break
+    assert untested >= 4
+    assert wrong <= untested // 2
+
+
 def test_the_same_seed_gives_the_same_bytes_and_another_others():
     stages, _ = run_cart(load_world("cut-rectangle"), 3, 6)
     once, again, other = (drive(localizer_in("cut-rectangle", seed, 400), stages).poses.tobytes() for seed in (1, 1, 2))
@@ -215,7 +291,8 @@ def test_particles_are_fewer_once_it_is_known():
     counts = []
     for stage in stages:
         localizer.step(Stage(*stage))
-        counts.append(len(localizer.poses))
+        if stage.kind == DRIVE:  # between bumps each has children
+            counts.append(len(localizer.poses))
     assert max(counts) == 3000
     assert counts[-1] < 2000
 
