@@ -144,9 +144,9 @@ def run(case: Case, seed: int) -> Record:
         if name in found.names:
             low, high = found.interval(name)
             against = built.wheelbase if name == "wheelbase" else value
-            record[name] = 100.0 * (found.value(name) / against - 1.0)
+            record[name] = float(100.0 * (found.value(name) / against - 1.0))
             record[f"{name}_off"] = abs(record[name])
-            record[f"{name}_held"] = low < value < high
+            record[f"{name}_held"] = bool(low < value < high)
     return record
 
 

@@ -19,11 +19,13 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.area", "slam.bump_particles", "slam.bump_swarm", "slam.bump_walls", "slam.bumps",
+        "slam.cart_likelihood",
         "slam.cart_odometry", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
         "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.families", "slam.frontiers",
         "slam.hypotheses", "slam.laser_maps", "slam.laser_odometry", "slam.laser_scan", "slam.local_map",
         "slam.loop_measurements",
         "slam.map_alignment", "slam.map_matching", "slam.motion", "slam.motion_noise", "slam.motor_curve",
+        "slam.maximum_likelihood",
         "slam.mouse_odometry", "slam.odometry_chain", "slam.odometry_noise", "slam.particles", "slam.path_tree",
         "slam.planning", "slam.pose_clusters", "slam.pose_covariance", "slam.pose_graph", "slam.rangefinder",
         "slam.resampling",

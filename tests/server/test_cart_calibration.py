@@ -88,7 +88,7 @@ def test_a_cameras_path_in_a_frame_and_a_time_of_its_own_calibrates(tmp_path):
 
 
 def test_a_log_alone_is_refused_with_what_it_needs(tmp_path):
-    with pytest.raises(UserError, match="--map.*--path"):
+    with pytest.raises(UserError, match=r"--map.*--path"):
         calibrate([tmp_path / "run.rlog"], None, Options("bumper_cart", 0, 1, None, None, None, {}, ()))
     with pytest.raises(UserError, match="one --path for each log"):
         calibrate([tmp_path / "run.rlog"], None, Options("bumper_cart", 0, 1, None, None, None, {}, ()), [ROOM, ROOM])

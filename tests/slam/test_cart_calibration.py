@@ -95,8 +95,10 @@ def test_wheels_that_turn_round_are_noticed():
 def test_a_bump_on_the_map_is_as_likely_as_its_gaussian():
     room = area_of([np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.775], [0.0, 0.775]])])
     tick, half, tolerance = 0.0017, 0.0381, 0.003
-    named = {"wheelbase": 0.064, "tick": tick, "distance_noise": 0.01, "bumper_width": 2.0 * half, "bumper_ahead": 0.09,
-             "tolerance": tolerance, "slip_share": 0.0, "slip_distance": 0.06, "camera_place": 1.0, "camera_turn": 1.0}  # fmt: skip
+    named = {
+        "wheelbase": 0.064, "tick": tick, "distance_noise": 0.01, "bumper_width": 2.0 * half, "bumper_ahead": 0.09,
+        "tolerance": tolerance, "slip_distance": 0.06, "camera_place": 1.0, "camera_turn": 1.0,
+    }  # fmt: skip
     values = np.array([named.get(name, 0.0) for name in NAMES])
     stages = [Stage(DRIVE, 100, 100, MIDDLE)] * 2
     told = np.array([[0.5, 0.5, 0.5 * math.pi], [np.nan, np.nan, np.nan]])
