@@ -155,31 +155,46 @@ def motors(
 @app.command()
 def cart(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings of one bumper cart.")],
-    world: Annotated[str, typer.Option("--map", help="Where it drove: a world as of simulate's --world.")],
+    world: Annotated[
+        str | None, typer.Option("--map", help="Where it drove: a world as of simulate's --world.")
+    ] = None,
+    path: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="What a camera above saw (TUM), one for each log.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Raw path before and after: .png, .jpg, .svg or .pdf.")] = None,
     output: Annotated[Path | None, typer.Option(help="TOML file for what was learned; `--config` reads it.")] = None,
     seed: Seed = 0,
     config: ConfigFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Learn a bumper cart's wheelbase, tick, bumper and noise, from runs on a known map.
+    """Learn a bumper cart's wheelbase, tick, bumper and noise, from runs on a known map or under a camera.
 
     Prints each parameter's estimate with the interval that holds it with 90 %, and the settings for a file behind
-    --config. A map is needed: the counters alone tell neither the wheelbase nor the tick.
+    --config. A map or a camera is needed: the counters alone tell neither the wheelbase nor the tick. The camera's
+    frame and clock may be its own.
 
     \b
         crunch calibrate cart run.rlog --map room.toml
         crunch calibrate cart monday.rlog tuesday.rlog --map room.toml --output cart.toml
+        crunch calibrate cart run.rlog --path run.rlog.truth.tum --plot paths.png
     """
     from server.cart_calibration import calibrate
     from server.formats.atomic import write_atomically
+    from server.motor_calibration import picture_kind
     from server.replay import Options
 
-    found = calibrate(logs, world, Options("bumper_cart", seed, 1, None, None, config, {}, assignments or ()))
+    kind = picture_kind(plot) if plot else ""
+    options = Options("bumper_cart", seed, 1, None, None, config, {}, assignments or ())
+    found = calibrate(logs, world, options, path or ())
     for warning in found.warnings:
         typer.echo(f"crunch: warning: {warning}", err=True)
+    if plot is not None:
+        write_atomically(plot, found.plot(kind))
     if output is not None:
         write_atomically(output, found.toml())
     typer.echo(aligned(found.rows()))
+    if plot is not None:
+        typer.echo(f"\n{plot}: written")
     typer.echo(f"\n{output}: written" if output else f"\n{found.toml()}", nl=output is not None)
 
 

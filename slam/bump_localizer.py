@@ -134,7 +134,7 @@ class BumpLocalizer:
         """The stage with its errors' standard deviations: noise, ticks cut off, and a wall's own place."""
         cart = self.cart
         way = 0.5 * cart.tick * (stage.left + stage.right)
-        turn = cart.tick * (stage.right - stage.left) / cart.wheelbase
+        turn = cart.tick * (stage.right - stage.left) / cart.wheelbase + cart.veer * way
         ticks = cart.tick / math.sqrt(12.0)  # of the mean of two counters; their difference has twice it
         wall = self.params.tolerance if stage.bumper else 0.0
         way_sigma = math.hypot(cart.distance_noise * math.sqrt(abs(way)), ticks, wall)

@@ -52,6 +52,7 @@ class CartParams(NamedTuple):
     slip_turn: float = 0.1  # rad that this may turn the cart
     flatten_distance: float = 0.15  # m of going on that make the cart stand square to the wall, in the mean
     switches: int = 1  # of the bumper: one for all of it, or three for its thirds
+    veer: float = 0.0  # rad/m that it turns when its counters say straight on, as one wheel is larger than the other
 
 
 def arc(left: np.ndarray | int, right: np.ndarray | int, params: CartParams) -> np.ndarray:
@@ -64,7 +65,7 @@ def arc(left: np.ndarray | int, right: np.ndarray | int, params: CartParams) -> 
         raise ValueError(f"wheelbase {params.wheelbase} m and tick {params.tick} m must both be positive")
     left, right = np.asarray(left, float), np.asarray(right, float)
     way = 0.5 * params.tick * (left + right)
-    turn = params.tick * (right - left) / params.wheelbase
+    turn = params.tick * (right - left) / params.wheelbase + params.veer * way
     chord = way * np.sinc(turn / (2.0 * np.pi))  # sin(turn / 2) / (turn / 2), 1 where there is no turn
     return np.stack([chord * np.cos(0.5 * turn), chord * np.sin(0.5 * turn), turn], axis=-1)
 

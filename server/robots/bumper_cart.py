@@ -56,13 +56,17 @@ BUILT = CartParams()
 
 
 class CartBuild(Params):
-    """The cart's lengths in m, as far as they are known."""
+    """The cart's lengths in m, as far as they are known, and how its odometry errs."""
 
     wheelbase: float = Field(default=BUILT.wheelbase, gt=0.0, le=1.0)
     tick: float = Field(default=BUILT.tick, gt=0.0, le=0.1)  # of a wheel's way
     bumper_width: float = Field(default=BUILT.bumper_width, gt=0.0, le=1.0)
     bumper_ahead: float = Field(default=BUILT.bumper_ahead, ge=0.0, le=1.0)  # of the middle of the axle
     switches: Literal[1, 3] = 1  # of the bumper: one for all of it, or left, middle and right
+    veer: float = Field(default=BUILT.veer, ge=-1.0, le=1.0)  # rad/m that it turns when its counters say straight on
+    distance_noise: float = Field(default=BUILT.distance_noise, gt=0.0, le=1.0)  # per root metre: its odometry's errors
+    turn_noise: float = Field(default=BUILT.turn_noise, gt=0.0, le=3.0)  # rad per root metre
+    rotation_noise: float = Field(default=BUILT.rotation_noise, gt=0.0, le=1.0)  # rad per rad turned
 
     @classmethod
     def of(cls, cart: CartParams) -> CartBuild:
@@ -72,13 +76,7 @@ class CartBuild(Params):
     @property
     def params(self) -> CartParams:
         """The same for `slam.cart_odometry`."""
-        return BUILT._replace(
-            wheelbase=self.wheelbase,
-            tick=self.tick,
-            bumper_width=self.bumper_width,
-            bumper_ahead=self.bumper_ahead,
-            switches=self.switches,
-        )
+        return BUILT._replace(**self.model_dump())
 
 
 class RunParams(Params):

@@ -1,0 +1,340 @@
+"""How likely a cart's bumps, and what a camera above saw of it, are with given parameters: a sum of Gaussian filters.
+
+What a bump was is not known, so that each hypothesis goes on as several: with an end of the bumper, or with its face,
+at a wall that is near; with wheels that went on after it; or as a bump of which nothing is believed, behind which the
+filter begins anew where it was told. None is decided for good, and what is told does not depend on a first guess:
+decisions that leave errors out which look large make those that remain look small. Counters are cut off to whole
+ticks and go on between stages, so that what they keep to themselves is a state as well; so is where a map is in a
+camera's frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+NAMES = (
+    "wheelbase", "tick", "distance_noise", "turn_noise", "rotation_noise", "veer", "play", "bumper_width",
+    "bumper_ahead", "tolerance", "slip_share", "slip_distance", "camera_place", "camera_turn", "overrun",
+)  # fmt: skip
+FRAME, OWN = 5, 5  # states of the cart itself: its pose, and what both counters keep to themselves (m)
+MOST = 16  # hypotheses that go on from a bump,
+ROOM = 2000  # among so many
+FAINTEST = 1e-6  # share of the likeliest one below which one is given up,
+PALE = 0.05  # and where a camera has made them much the same
+STEEPEST = 0.1  # cosine of the angle to a wall's normal from which it may be met
+SOFT = 0.01  # m over which walls end
+AWRY = 0.02  # rad: headings are never surer than this when it is asked which end of the bumper met
+SIDEWAYS = 0.0005  # m that a stage errs sideways
+ANEW = 0.03  # share of bumps of which nothing is believed,
+EVENLY = 1.0  # per m
+WILD = np.array([0.05, 0.005])  # shares of stages that go wrong, and altogether,
+WILD_WAY, WILD_TURN = np.array([0.0, 0.05, 1.0]), np.array([0.0, 0.5, 2.0])  # m and rad by which they then do
+TOLD = np.array([0.04, 0.04, 0.1])  # m, m, rad: how exact places are that are told
+KICK = np.array([0.03, 0.03, 0.2])  # m, m, rad that a slip adds to what is not known
+KIND, LEFT, RIGHT, TURNED_LEFT, TURNED_RIGHT, IS_BUMP = range(6)  # columns of a run's stages
+NO_CORNERS = np.zeros((0, 2))
+
+
+class Evidence(NamedTuple):
+    """One run: `stages` (n, 6) as of the columns, and for their ends poses `told` (n, 3) by a map and `seen` (n, 3).
+
+    What is nan was not told, or not seen. `first` (3,) was seen at the start. The filter begins from `state` (d,) and
+    `covariance` (d, d): `OWN` of the cart, then the map's pose in the camera's frame (3) if it `has_frame`. Walls
+    `lines` (m, 5) are a point on each, the direction out through it, and from where to where along it; `corners` (c, 2)
+    point into the floor.
+    """
+
+    stages: np.ndarray
+    told: np.ndarray
+    seen: np.ndarray
+    first: np.ndarray
+    state: np.ndarray
+    covariance: np.ndarray
+    lines: np.ndarray
+    corners: np.ndarray
+    has_frame: bool
+
+
+@njit(cache=True)
+def roll(mean, covariance, stage, values, wildness):
+    """Move a hypothesis, state (d,) and covariance (d, d), in place by a stage (6,) that went so wrong (0 to 2)."""
+    wheelbase, tick, distance_noise, turn_noise, rotation_noise, veer, play = values[:7]
+    left = tick * (stage[LEFT] + play * stage[TURNED_LEFT]) - mean[3]
+    right = tick * (stage[RIGHT] + play * stage[TURNED_RIGHT]) - mean[4]
+    if stage[IS_BUMP] > 0.0:  # wheels go on a little before they stop
+        left -= values[14]
+        right -= values[14]
+    way = 0.5 * (left + right)
+    turn = (right - left) / wheelbase + veer * way
+    half = 0.5 * turn
+    share = 1.0 - half * half / 6.0 if abs(half) < 1e-4 else math.sin(half) / half
+    chord = way * share
+    cos, sin = math.cos(mean[2] + half), math.sin(mean[2] + half)
+    by_turn = np.array([-0.5 * chord * sin, 0.5 * chord * cos, 1.0])
+    by_way = np.array([share * cos, share * sin, 0.0])
+    by_left = 0.5 * by_way + (0.5 * veer - 1.0 / wheelbase) * by_turn
+    by_right = 0.5 * by_way + (0.5 * veer + 1.0 / wheelbase) * by_turn
+    mean[0] += chord * cos
+    mean[1] += chord * sin
+    mean[2] += turn
+    mean[3] = mean[4] = 0.0
+    across = np.array([-chord * sin, chord * cos, 0.0])  # of the heading before
+    for c in range(mean.size):
+        heading, of_left, of_right = covariance[2, c], covariance[3, c], covariance[4, c]
+        for r in range(3):
+            covariance[r, c] += across[r] * heading - by_left[r] * of_left - by_right[r] * of_right
+        covariance[3, c] = covariance[4, c] = 0.0
+    for r in range(mean.size):
+        heading, of_left, of_right = covariance[r, 2], covariance[r, 3], covariance[r, 4]
+        for c in range(3):
+            covariance[r, c] += across[c] * heading - by_left[c] * of_left - by_right[c] * of_right
+        covariance[r, 3] = covariance[r, 4] = 0.0
+    of_way = distance_noise**2 * abs(way) + WILD_WAY[wildness] ** 2
+    of_turn = turn_noise**2 * abs(way) + rotation_noise**2 * turn * turn + WILD_TURN[wildness] ** 2
+    ticks = tick * tick / 12.0
+    for r in range(3):
+        for c in range(3):
+            covariance[r, c] += of_way * by_way[r] * by_way[c] + of_turn * by_turn[r] * by_turn[c]
+            covariance[r, c] += ticks * (by_left[r] * by_left[c] + by_right[r] * by_right[c])
+        covariance[r, 3] += ticks * by_left[r]
+        covariance[3, r] += ticks * by_left[r]
+        covariance[r, 4] += ticks * by_right[r]
+        covariance[4, r] += ticks * by_right[r]
+    covariance[3, 3] += ticks
+    covariance[4, 4] += ticks
+    sideways = SIDEWAYS**2 + WILD_WAY[wildness] ** 2
+    covariance[0, 0] += sideways
+    covariance[1, 1] += sideways
+
+
+@njit(cache=True)
+def spread_of(covariance, slope):
+    """Variance of what hangs on the states by a slope (d,), most of which is 0."""
+    variance = 0.0
+    for r in range(slope.size):
+        if slope[r] != 0.0:
+            for c in range(slope.size):
+                variance += slope[r] * covariance[r, c] * slope[c]
+    return variance
+
+
+@njit(cache=True)
+def meet(mean, covariance, evidence, feature, values, slope):
+    """How a hypothesis meets a feature of the map: how far it would be beyond it, cosine, variance and probability.
+
+    Features are each wall met by the bumper's left and by its right end, then corners. Fills `slope` (d,).
+    """
+    half, ahead = 0.5 * values[7], values[8]
+    cos, sin = math.cos(mean[2]), math.sin(mean[2])
+    slope[:] = 0.0
+    n_walls = evidence.lines.shape[0]
+    if feature >= 2 * n_walls:
+        dx = evidence.corners[feature - 2 * n_walls, 0] - mean[0]
+        dy = evidence.corners[feature - 2 * n_walls, 1] - mean[1]
+        across = cos * dy - sin * dx
+        off, cosine, likely = ahead - cos * dx - sin * dy, 1.0, gate(abs(across) - half)
+        slope[0], slope[1], slope[2] = cos, sin, -across
+    else:
+        wall, side = feature // 2, 1.0 - 2.0 * (feature % 2)
+        x, y, phi, low, high = evidence.lines[wall]
+        normal_x, normal_y = math.cos(phi), math.sin(phi)
+        end_x, end_y = ahead * cos - side * half * sin, ahead * sin + side * half * cos
+        dx, dy = mean[0] + end_x - x, mean[1] + end_y - y
+        off = normal_x * dx + normal_y * dy
+        place = normal_x * dy - normal_y * dx
+        cosine = normal_x * cos + normal_y * sin
+        slope[0], slope[1], slope[2] = normal_x, normal_y, -normal_x * end_y + normal_y * end_x
+        askew = normal_y * cos - normal_x * sin
+        likely = gate(low - place) * gate(place - high)
+        likely *= 0.5 * math.erfc(-side * askew / math.sqrt(2.0 * (covariance[2, 2] + AWRY**2)))
+    return off, cosine, values[9] ** 2 + max(spread_of(covariance, slope), 0.0), likely
+
+
+@njit(cache=True, inline="always")
+def gate(gap):
+    """Probability of a contact `gap` m past a wall's end: 1 well before it, 0 well behind."""
+    return 1.0 / (1.0 + math.exp(min(max(gap / SOFT, -50.0), 50.0)))
+
+
+@njit(cache=True)
+def learn_of(mean, covariance, slope, off, variance):
+    """Take into a hypothesis, in place, that it is `off` by nothing but chance of a variance (Kalman)."""
+    pulled = np.zeros(mean.size)
+    for c in range(mean.size):
+        if slope[c] != 0.0:
+            for r in range(mean.size):
+                pulled[r] += covariance[r, c] * slope[c]
+    for r in range(mean.size):
+        mean[r] -= pulled[r] / variance * off
+        for c in range(mean.size):
+            covariance[r, c] -= pulled[r] * pulled[c] / variance
+
+
+@njit(cache=True)
+def bump(means, covariances, weights, n, told, evidence, values):
+    """The hypotheses after a bump, from the first n before it; their number and the bump's density, counted in ticks.
+
+    They replace the first rows; their weights add up to one.
+    """
+    d, n_walls = means.shape[1], evidence.lines.shape[0]
+    slip_share, slip_distance = values[10], values[11]
+    n_features = 2 * n_walls + evidence.corners.shape[0]
+    found = np.zeros((ROOM, 3), np.int64)  # parent, feature, whether it slipped
+    densities = np.zeros(ROOM)
+    count = 0
+    slope = np.empty(d)
+    for parent in range(n):
+        for feature in range(n_features):
+            off, cosine, variance, likely = meet(means[parent], covariances[parent], evidence, feature, values, slope)
+            if cosine < STEEPEST or likely < 1e-6 or count + 2 > ROOM - 1:
+                continue
+            size = slip_distance / cosine
+            ordinary = math.exp(-0.5 * off * off / variance) / math.sqrt(2.0 * math.pi * variance) * cosine
+            slipped = math.exp(-off / cosine / size) / size if off > 0.0 else 0.0
+            for slips in range(2):
+                share = slip_share * slipped if slips else (1.0 - slip_share) * ordinary
+                found[count, 0], found[count, 1], found[count, 2] = parent, feature, slips
+                densities[count] = (1.0 - ANEW) * weights[parent] * likely * share
+                count += 1
+    found[count, 0], found[count, 1] = 0, -1  # of which nothing is believed
+    densities[count] = ANEW * EVENLY
+    count += 1
+    total = np.sum(densities[:count])
+    order = np.argsort(-densities[:count], kind="mergesort")
+    kept = 0
+    outcomes, shares = np.empty((MOST, 2), np.int64), np.zeros(MOST)
+    middles, offs, squares = np.empty((MOST, d)), np.zeros((MOST, d)), np.zeros((MOST, d, d))
+    mean, covariance = np.empty(d), np.empty((d, d))
+    for row in order:
+        if densities[row] < FAINTEST * densities[order[0]]:
+            break
+        parent, feature, slips = found[row]
+        own = 0
+        while own < kept and (outcomes[own, 0] != feature or outcomes[own, 1] != slips):
+            own += 1
+        if own == MOST:
+            continue
+        mean[:], covariance[:] = means[parent], covariances[parent]
+        if feature < 0:
+            begin_at(mean, covariance, told)
+        else:
+            settle(mean, covariance, evidence, feature, slips, values, slope)
+        if own == kept:
+            kept += 1
+            outcomes[own, 0], outcomes[own, 1] = feature, slips
+            middles[own] = mean
+        off = mean - middles[own]
+        off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
+        shares[own] += densities[row]
+        offs[own] += densities[row] * off
+        squares[own] += densities[row] * (covariance + np.outer(off, off))
+    for own in range(kept):  # what ended alike goes on as one, with the spread of all
+        off = offs[own] / shares[own]
+        means[own] = middles[own] + off
+        covariances[own] = squares[own] / shares[own] - np.outer(off, off)
+    weights[:kept] = shares[:kept] / np.sum(shares[:kept])
+    return kept, total * values[1]
+
+
+@njit(cache=True)
+def settle(mean, covariance, evidence, feature, slips, values, slope):
+    """Take into a hypothesis that its bump was at a feature; one that slipped is put back to it first."""
+    off, cosine, variance, _ = meet(mean, covariance, evidence, feature, values, slope)
+    if slips:
+        mean[0] -= off / cosine * math.cos(mean[2])
+        mean[1] -= off / cosine * math.sin(mean[2])
+        for axis in range(3):
+            covariance[axis, axis] += KICK[axis] ** 2
+        off, _, variance, _ = meet(mean, covariance, evidence, feature, values, slope)
+    learn_of(mean, covariance, slope, off, variance)
+
+
+@njit(cache=True)
+def begin_at(mean, covariance, told):
+    """Begin anew at a pose (3,) that was told; without one, where it is, with much doubt."""
+    spread = TOLD if not math.isnan(told[0]) else KICK
+    if not math.isnan(told[0]):
+        covariance[:3] = 0.0
+        covariance[:, :3] = 0.0
+        mean[:3] = told
+    for axis in range(3):
+        covariance[axis, axis] += spread[axis] ** 2
+
+
+@njit(cache=True)
+def look(mean, covariance, seen, values, has_frame):
+    """Take into a hypothesis, in place, the pose (3,) that a camera saw; its log density."""
+    d = mean.size
+    slopes = np.zeros((3, d))
+    frame = mean[FRAME : FRAME + 3] if has_frame else np.zeros(3)
+    cos, sin = math.cos(frame[2]), math.sin(frame[2])
+    slopes[0, 0], slopes[0, 1], slopes[1, 0], slopes[1, 1], slopes[2, 2] = cos, -sin, sin, cos, 1.0
+    x, y = cos * mean[0] - sin * mean[1], sin * mean[0] + cos * mean[1]
+    if has_frame:
+        slopes[0, FRAME] = slopes[1, FRAME + 1] = slopes[2, FRAME + 2] = 1.0
+        slopes[0, FRAME + 2], slopes[1, FRAME + 2] = -y, x
+    off = np.array([x + frame[0], y + frame[1], mean[2] + frame[2]]) - seen
+    off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
+    before, log_density = mean.copy(), 0.0
+    for axis in range(3):  # one after the other is the same as all at once
+        for c in range(d):
+            off[axis] += slopes[axis, c] * (mean[c] - before[c])
+        variance = max(spread_of(covariance, slopes[axis]), 0.0) + values[13 if axis == 2 else 12] ** 2
+        log_density -= 0.5 * off[axis] * off[axis] / variance + 0.5 * math.log(2.0 * math.pi * variance)
+        learn_of(mean, covariance, slopes[axis], off[axis], variance)
+    return log_density
+
+
+@njit(cache=True)
+def run_costs(values, evidence):
+    """Less the log likelihood of each stage (n,) of a run, an `Evidence`, with `values` (15,) of `NAMES`."""
+    d = evidence.state.size
+    means, covariances, weights = np.zeros((3 * MOST, d)), np.zeros((3 * MOST, d, d)), np.zeros(3 * MOST)
+    means[0], covariances[0], weights[0] = evidence.state, evidence.covariance, 1.0
+    n, costs = 1, np.zeros(evidence.stages.shape[0])
+    for own in range(3, OWN):
+        covariances[0, own, own] = values[1] ** 2 / 12.0
+    if not math.isnan(evidence.first[0]):
+        look(means[0], covariances[0], evidence.first, values, evidence.has_frame)
+    for row in range(evidence.stages.shape[0]):
+        stage = evidence.stages[row]
+        is_seen = not math.isnan(evidence.seen[row, 0])
+        ways = 3 if is_seen else 1
+        for wildness in range(ways - 1, -1, -1):
+            share = WILD[wildness - 1] if wildness else 1.0 - np.sum(WILD)
+            for h in range(n):
+                row_of = wildness * n + h
+                means[row_of], covariances[row_of] = means[h], covariances[h]
+                weights[row_of] = (share if is_seen else 1.0) * weights[h]
+                roll(means[row_of], covariances[row_of], stage, values, wildness)
+        n *= ways
+        if stage[IS_BUMP] > 0.0 and evidence.lines.shape[0] > 0:
+            n, density = bump(means, covariances, weights, n, evidence.told[row], evidence, values)
+            costs[row] -= math.log(max(density, 1e-300))
+        if is_seen:
+            logs = np.empty(n)
+            for h in range(n):
+                logs[h] = math.log(max(weights[h], 1e-300))
+                logs[h] += look(means[h], covariances[h], evidence.seen[row], values, evidence.has_frame)
+            top = np.max(logs)
+            shares = np.exp(logs - top)
+            costs[row] -= top + math.log(np.sum(shares))
+            n = keep(means, covariances, weights, shares)
+    return costs
+
+
+@njit(cache=True)
+def keep(means, covariances, weights, shares):
+    """The likeliest hypotheses go on, with weights that add up to one; their number."""
+    order = np.argsort(-shares, kind="mergesort")[:MOST]
+    kept = 0
+    while kept < order.size and shares[order[kept]] > PALE * shares[order[0]]:
+        kept += 1
+    order = order[:kept]
+    means[:kept], covariances[:kept], weights[:kept] = means[order], covariances[order], shares[order]
+    weights[:kept] /= np.sum(weights[:kept])
+    return kept
