@@ -18,7 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
-        "slam.affinity", "slam.area", "slam.bump_particles", "slam.bump_swarm", "slam.bump_walls", "slam.bumps",
+        "slam.affinity", "slam.area", "slam.bump_frames", "slam.bump_particles", "slam.bump_swarm", "slam.bump_walls",
+        "slam.bumps",
         "slam.cart_odometry", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
         "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.families", "slam.frontiers",
         "slam.hypotheses", "slam.laser_maps", "slam.laser_odometry", "slam.laser_scan", "slam.local_map",
@@ -42,7 +43,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.formats.wean",
         "server.link", "server.messages", "server.presets", "server.recording", "server.scip", "server.transport",
-        "server.virtual_link", "server.words", "slam.bump_bundle", "slam.bump_estimator", "slam.bump_localizer",
+        "server.virtual_link", "server.words", "slam.bump_bundle", "slam.bump_estimator", "slam.bump_fleet",
+        "slam.bump_localizer",
         "slam.bump_mapper", "slam.bump_merging", "slam.bump_refinement", "slam.bump_survivors", "slam.bundle",
         "slam.bundled_islands", "slam.cart_calibration", "slam.fastslam", "slam.grid_filter", "slam.islands",
         "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refined_grid_filter", "slam.refinement",
