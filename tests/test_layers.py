@@ -72,13 +72,14 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.survey", "server.views",
     ),
     (
-        "server.bridge", "server.cart_calibration", "server.demo", "server.headless", "server.laser_calibration",
+        "server.bridge", "server.cart_calibration", "server.cart_merging", "server.demo", "server.headless",
+        "server.laser_calibration",
         "server.live", "server.mapping", "server.motor_calibration", "server.odometry_calibration", "server.recorded",
         "server.render",
         "server.render_queue", "server.replay", "server.sessions", "server.simulate",
         "server.sonar_calibration", "server.workbench",
     ),
-    ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.terminal"),
+    ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.swarm", "server.terminal"),
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
 PACKAGES = ("slam", "server", "firmware", "bench", "tests", "docs")
