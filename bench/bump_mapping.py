@@ -28,7 +28,7 @@ from server.formats.roomba import read_roomba
 from server.mapping import MazeMapper, with_sensors
 from server.replay import run_mapper
 from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams, segments_of
-from slam.bump_merging import merge
+from slam.bump_merging import Recording, merge
 from slam.bump_walls import distances, map_error, points_on
 from slam.cart_odometry import LEFT, RIGHT, CartParams, Stage, bumper_points, bumps_of, raw_path
 from slam.evaluate import alignment
@@ -171,9 +171,7 @@ def merged(room: int, seed: int, found: list[tuple[Driven, BumpMap]]) -> Record:
     segments = polygon(room).segments
     alone = [errors_of(area, driven, segments)[0] for driven, area in found]
     began = time.perf_counter()
-    whole = merge(
-        [driven.stages for driven, _ in found], [area for _, area in found], BumpMapperParams().model(CartParams())
-    )
+    whole = merge([Recording(driven.stages, CartParams(), area) for driven, area in found])
     seconds = time.perf_counter() - began
     places = [
         (nodes[1::2][area.is_bump][:, :2], driven.truth[driven.bumps + 1, :2])
@@ -187,8 +185,9 @@ def merged(room: int, seed: int, found: list[tuple[Driven, BumpMap]]) -> Record:
         "error": error,
         "covered": covered,
         "alone": float(np.median(alone)),
+        "best": min(alone),
+        "core": len(whole.core),
         "left_out": len(whole.left_out),
-        "doubtful": len(whole.doubtful),
         "seconds": seconds,
     }
 
@@ -202,8 +201,9 @@ MERGING = Bench(
         Column("merged map off: median / worst (m)", figures("error", 4, 0.5, 1.0)),
         Column("covered: median / least", figures("covered", 2, 0.5, 0.0)),
         Column("one cart's map off, median of the carts (m)", middle("alone", 3)),
+        Column("best cart's", middle("best", 3)),
+        Column("carts that agree at first: median / least", figures("core", 0, 0.5, 0.0)),
         Column("carts left out: median / most", figures("left_out", 0, 0.5, 1.0)),
-        Column("doubtful: median / most", figures("doubtful", 0, 0.5, 1.0)),
         Column("merged in (s)", middle("seconds", 1)),
     ),
     seeds=3,

@@ -1,7 +1,7 @@
 """The `crunch` command. Each command imports what it needs when it runs, so that help comes at once.
 
 Exit codes: 0 done, 1 a mistake of ours or a benchmark's finding, 2 something that the caller can mend, told in one
-line. Uses its siblings `terminal`, `calibrate`, `board` and `flash`, which import as late.
+line. Uses its siblings `terminal`, `calibrate`, `board`, `swarm` and `flash`, which import as late.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import typer
 from server import calibrate, flash
 from server.board import board
 from server.errors import UserError
+from server.swarm import merge
 from server.terminal import (
     Assignments,
     Avr,
@@ -311,6 +312,7 @@ def score(
 
 
 app.command()(board)
+app.command()(merge)
 
 
 @app.command()

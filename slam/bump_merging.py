@@ -1,9 +1,10 @@
 """One map of several carts' recordings of an area, none of which knew where it began.
 
-A map's frame in the best one's is found by the walls' shape: two walls of one laid on two of the other that meet at a
-like angle give a pose, which is judged by how the carts' contacts lie on each other's walls. Where a second pose,
-unlike the first, does nearly as well, the map is ambiguous, as that of a rectangle is, and it says so. Then all runs
-are refined as one: their poses, and the walls that they share.
+Maps of the few carts that explain their own bumps best are laid on each other; the largest set whose frames agree, also
+around loops of three (Mangelson et al., 2018, pairwise consistency), is the core, and wrong maps are outvoted. Every
+other cart is then found on the core's map by its run alone, so that its own map, which may be wrong, does not matter.
+At last all runs are refined as one, and what they felt besides becomes walls. Uses its siblings `bump_frames`,
+`bump_fleet`, `bump_mapper`, `bump_refinement`, `bump_swarm`, `bump_walls`, `cart_odometry` and `pose`.
 """
 
 from __future__ import annotations
@@ -13,241 +14,167 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
-from slam.bump_bundle import Legs
-from slam.bump_mapper import BumpMap
-from slam.bump_refinement import BumpRefinementParams, Refined, legs_of, refine, tell
-from slam.bump_swarm import HITS, PHI, Model, X, Y
-from slam.bump_walls import stretches, walls_of
-from slam.cart_odometry import Stage
+from slam.bump_bundle import STRAY_SHARE
+from slam.bump_fleet import Member, Track, descend_together, felt_extents, places_felt
+from slam.bump_frames import BumpFrameParams, agreed, frame_of
+from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams
+from slam.bump_refinement import BumpRefinementParams, Refined, alike, kept, tell
+from slam.bump_swarm import COLUMNS, COVARIANCE, HITS, PHI, VAR_BEYOND, VAR_PHI, X, Y, innovation
+from slam.bump_walls import LEAST_BUMPS, points_on, stretches, walls_of
+from slam.cart_odometry import CartParams, Stage, bumps_of, raw_path
 from slam.params import Params
-from slam.pose import compose, transform, wrap
+from slam.pose import compose, inverse, transform
 
-LEAST_SHARED = 0.7  # of the contacts that must lie on the other's walls
-LEAST_FELT = 0.02  # of all bumps that make a wall of the merged map
+STEEPEST_START = math.radians(75.0)  # off square that a cart's first bump may have been
+LEAST_BENT = 5  # contacts of each of two walls that were taken for one
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 class BumpMergingParams(Params):
-    """How frames are found."""
+    """How many carts vote, how the others are found on the map, and what becomes a wall."""
 
-    angle: float = Field(default=0.2, gt=0.0)  # rad by which two walls' angle may differ in two maps
-    near: float = Field(default=0.04, gt=0.0)  # m from a wall at which a contact counts half
-    unlike_turn: float = Field(default=0.35, gt=0.0)  # rad, and
-    unlike_way: float = Field(default=0.15, gt=0.0)  # m by which a second pose differs from the first
-    doubtful: float = Field(default=0.95, gt=0.0, le=1.0)  # of the first's score, from which the second makes doubt
-    n_judged: int = Field(default=60, ge=1)  # poses that are judged in full
-    refinement: BumpRefinementParams = Field(default_factory=lambda: BumpRefinementParams(steps=20, rounds=4))
+    core: int = Field(default=7, ge=1, le=12)  # maps at most that are laid on each other
+    particles: int = Field(default=2000, ge=1, le=200_000)  # that find a cart on the map
+    tries: int = Field(default=2, ge=1)  # each with three times as many
+    wall_doubt: float = Field(default=0.01, gt=0.0)  # m and rad by which the map's walls may be off then
+    least_told: float = Field(default=0.7, gt=0.0, le=1.0)  # of a cart's bumps that must be on walls of the map
+    worse: float = Field(default=2.0, gt=0.0)  # nats a bump that it may cost there beyond what the core's carts do
+    least_felt: float = Field(default=0.01, ge=0.0, le=1.0)  # of all bumps that make a wall
+    reach: float = Field(default=0.1, gt=0.0)  # m by which a wall goes on beyond where it was felt, on average
+    bent: float = Field(default=0.05, ge=0.0)  # nats a bump that two walls for one must save, besides a wall's cost
+    least_spread: float = Field(default=0.5, ge=0.0, le=1.0)  # of the carts that so many bumps would come from
+    steps: int = Field(default=15, ge=1)  # of each descent
+    rounds: int = Field(default=4, ge=1)  # of telling again which wall was met
+    frames: BumpFrameParams = Field(default_factory=BumpFrameParams)
+    refinement: BumpRefinementParams = Field(default_factory=BumpRefinementParams)
 
 
-class Frame(NamedTuple):
-    """Where a map lies in another: pose (3,), share of contacts on each other's walls, and the next unlike pose's."""
+class Recording(NamedTuple):
+    """A cart's run, its build, and what `BumpMapper.refine` made of it."""
 
-    pose: np.ndarray
-    score: float
-    second: float
+    stages: Sequence[Stage]
+    cart: CartParams
+    area: BumpMap
+
+    @property
+    def cost(self) -> float:
+        """In nats per bump, by which maps of unlike runs are compared."""
+        return self.area.cost / max(1, len(self.area.contacts))
+
+
+class Shape(NamedTuple):
+    """A map's lines (m, 10) and points (n, 2) on its walls."""
+
+    lines: np.ndarray
+    contacts: np.ndarray
 
 
 class MergedMap(NamedTuple):
-    """Walls as curves in the frame of map `reference`; where each cart's map lies there, and what is doubtful.
+    """Walls as curves in the frame of cart `reference`, and what each cart is told of.
 
-    `left_out` are the maps that lie nowhere, `doubtful` those that lie as well elsewhere; `nodes` of all other carts'
-    runs are in `frames`' order of carts.
+    `nodes` of cart c (2 t, 3) are its poses before and after each of its drives, (0, 3) if it is among `left_out`. On
+    the map that those of `core` made, `shares` (carts,) of its bumps were on walls, and `excess` (carts,) is how many
+    nats a bump its run cost more than theirs. `second` is how well the map fits itself another way round, of 1.
     """
 
     reference: int
-    frames: list[Frame]
+    core: list[int]
     left_out: list[int]
-    doubtful: list[int]
+    shares: np.ndarray
+    excess: np.ndarray
+    second: float
     walls: list[np.ndarray]
     lines: np.ndarray
     nodes: list[np.ndarray]
+    biases: np.ndarray
 
 
-@njit(cache=True)
-def near_share(points, segments, pose, near):
-    """Mean of 1 / (1 + (d / near)^2) over points (n, 2) at a pose, d their distance from segments (m, 4)."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    total = 0.0
-    for k in range(points.shape[0]):
-        x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
-        y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
-        least = np.inf
-        for j in range(segments.shape[0]):
-            ux, uy = segments[j, 2] - segments[j, 0], segments[j, 3] - segments[j, 1]
-            px, py = x - segments[j, 0], y - segments[j, 1]
-            at = (ux * px + uy * py) / max(ux * ux + uy * uy, 1e-12)
-            at = min(max(at, 0.0), 1.0)
-            least = min(least, (px - at * ux) ** 2 + (py - at * uy) ** 2)
-        total += 1.0 / (1.0 + least / near**2)
-    return total / points.shape[0]
+class Place(NamedTuple):
+    """A cart on a map: its track, the share of its bumps that are on walls, and the cost in nats per bump."""
+
+    track: Track
+    share: float
+    cost: float
 
 
-def candidates(one: BumpMap, other: BumpMap, params: BumpMergingParams) -> np.ndarray:
-    """Poses (n, 3) of the other map in the first that lay two walls of it on two of the first."""
-    poses = [np.zeros((0, 3))]
-    pairs = pairs_of(other)
-    for phi_1, phi_2, corner in pairs_of(one):
-        for own_1, own_2, own_corner in pairs:
-            turn_1, turn_2 = float(wrap(phi_1 - own_1)), float(wrap(phi_2 - own_2))
-            if abs(float(wrap(turn_1 - turn_2))) < params.angle:
-                heading = turn_1 + 0.5 * float(wrap(turn_2 - turn_1))
-                turned = transform(np.array([0.0, 0.0, heading]), own_corner)
-                poses.append(np.array([[*(corner - turned), heading]]))
-    return np.concatenate(poses)
+class Fleet(NamedTuple):
+    """Carts whose tracks share lines (m, 10)."""
+
+    members: list[Member]
+    tracks: list[Track]
+    lines: np.ndarray
+    cost: float = math.inf
 
 
-def pairs_of(area: BumpMap) -> list[tuple[float, float, np.ndarray]]:
-    """Pairs of walls that are not parallel: their outward directions, and where their lines cross."""
-    lines = area.lines[area.lines[:, HITS] > 1.0]
-    outward = np.column_stack([np.cos(lines[:, PHI]), np.sin(lines[:, PHI])])
-    beyond = np.sum(outward * lines[:, [X, Y]], axis=1) + lines[:, 3]
-    found = []
-    for i in range(len(lines)):
-        for j in range(len(lines)):
-            if i != j and abs(math.sin(lines[i, PHI] - lines[j, PHI])) > 0.3:
-                corner = np.linalg.solve(outward[[i, j]], beyond[[i, j]])
-                found.append((float(lines[i, PHI]), float(lines[j, PHI]), corner))
-    return found
+def merge(recordings: Sequence[Recording], mapper: BumpMapperParams | None = None,
+          params: BumpMergingParams | None = None) -> MergedMap:  # fmt: skip
+    """One map of recordings; ValueError where there are none, or none with a bump at a wall.
 
-
-def frame_of(one: BumpMap, other: BumpMap, params: BumpMergingParams) -> Frame:
-    """Where the other map lies in the first; a score of 0 where nothing fits."""
-    walls, own = stretches(one.lines), stretches(other.lines)
-    if not len(walls) or not len(own) or not len(one.contacts) or not len(other.contacts):
-        return Frame(np.zeros(3), 0.0, 0.0)
-
-    def score(pose: np.ndarray) -> float:
-        back = np.array([*transform(np.array([0.0, 0.0, -pose[2]]), -pose[:2]), -pose[2]])
-        there = near_share(other.contacts, walls, pose, params.near)
-        return 0.5 * (there + near_share(one.contacts, own, back, params.near))
-
-    poses = candidates(one, other, params)
-    if not len(poses):
-        return Frame(np.zeros(3), 0.0, 0.0)
-    scores = np.array([score(pose) for pose in poses])
-    judged: list[tuple[float, np.ndarray]] = []
-    for row in np.argsort(-scores, kind="stable"):
-        if any(is_like(poses[row], pose, params, 0.3) for _, pose in judged):
-            continue
-        judged.append((float(scores[row]), poses[row]))
-        if len(judged) == params.n_judged // 4:
-            break
-    polished = sorted((polish(pose, score) for _, pose in judged), key=lambda each: -each[0])
-    best, pose = polished[0]
-    second = max((each for each, at in polished if not is_like(at, pose, params, 1.0)), default=0.0)
-    return Frame(pose, best, second)
-
-
-def is_like(one: np.ndarray, other: np.ndarray, params: BumpMergingParams, share: float) -> bool:
-    """Whether two poses are as good as the same, to a share of what makes them unlike."""
-    turn = abs(float(wrap(one[2] - other[2])))
-    way = math.hypot(*(one[:2] - other[:2]))
-    return turn < share * params.unlike_turn and way < share * params.unlike_way
-
-
-def polish(pose: np.ndarray, score) -> tuple[float, np.ndarray]:
-    """The best pose near one, by steps along each axis that become shorter, and its score."""
-    best = score(pose)
-    steps = np.array([0.03, 0.03, 0.05])
-    while steps[0] > 0.002:
-        is_better = False
-        for axis in range(3):
-            for side in (-1.0, 1.0):
-                trial = pose.copy()
-                trial[axis] += side * steps[axis]
-                found = score(trial)
-                if found > best + 1e-9:
-                    best, pose, is_better = found, trial, True
-        if not is_better:
-            steps = 0.5 * steps
-    return best, pose
-
-
-def merge(
-    runs: Sequence[Sequence[Stage]],
-    maps: Sequence[BumpMap],
-    model: Model,
-    params: BumpMergingParams | None = None,
-) -> MergedMap:
-    """One map of runs and what `BumpMapper.refine` made of each; ValueError where there is none."""
-    if not runs or len(runs) != len(maps):
-        raise ValueError(f"{len(maps)} maps of {len(runs)} runs; give each run its map, and at least one")
-    params = params or BumpMergingParams()
-    reference = min(range(len(maps)), key=lambda cart: maps[cart].cost / max(1, len(maps[cart].contacts)))
-    frames = [
-        Frame(np.zeros(3), 1.0, 0.0) if cart == reference else frame_of(maps[reference], area, params)
-        for cart, area in enumerate(maps)
-    ]
-    left_out = [cart for cart, frame in enumerate(frames) if frame.score < LEAST_SHARED]
-    doubtful = [
-        cart
-        for cart, frame in enumerate(frames)
-        if cart not in left_out and frame.second > params.doubtful * frame.score
-    ]
-    carts = [reference, *(cart for cart in range(len(runs)) if cart != reference and cart not in left_out)]
-    legs, bumpers, start = together(runs, maps, frames, carts, model)
-    state = refine(legs, bumpers, start, model, (1e-6, 1e-6), params.refinement)
-    lines = state.lines[state.lines[:, HITS] >= max(2.0, LEAST_FELT * np.sum(bumpers > 0))]
-    counts = [len(maps[cart].nodes) for cart in carts]
-    nodes = dict(zip(carts, np.split(state.nodes, np.cumsum(counts)[:-1]), strict=True))
-    return MergedMap(
-        reference, frames, left_out, doubtful, walls_of(lines), lines,
-        [nodes.get(cart, np.zeros((0, 3))) for cart in range(len(runs))],
-    )  # fmt: skip
-
-
-def together(
-    runs: Sequence[Sequence[Stage]],
-    maps: Sequence[BumpMap],
-    frames: Sequence[Frame],
-    carts: Sequence[int],
-    model: Model,
-) -> tuple[Legs, np.ndarray, Refined]:
-    """Runs one after the other as if of one cart that is lifted in between, and where to begin to refine them.
-
-    Each cart's counts are corrected by its own biases, which stay as they were found. Walls that the bumps of carts so
-    far do not tell of are added as the carts come.
+    What comes out does not depend on the recordings' order, but for their numbers.
     """
-    lines = maps[carts[0]].lines
-    stages, bounds, lasts, lifted, bumpers, nodes, felt = [], [], [], [], [], [], []
-    offset = 0
+    params, mapper = params or BumpMergingParams(), mapper or BumpMapperParams()
+    carts = [cart for cart, each in enumerate(recordings) if np.any(each.area.felt >= 0)]
+    if not carts:
+        raise ValueError(f"nothing to merge: {len(recordings)} recordings, none of which felt a wall twice")
+    carts.sort(key=lambda cart: (recordings[cart].cost, [tuple(stage) for stage in recordings[cart].stages]))
+    members = {
+        cart: Member.of(recordings[cart].stages, mapper.model(recordings[cart].cart), mapper.spreads) for cart in carts
+    }
+    core, frames = agreed([recordings[cart].area for cart in carts[: params.core]], params.frames)
+    first = [carts[row] for row in core]
+    fleet = core_map([recordings[cart] for cart in first], [members[cart] for cart in first], frames, params)
+    found = {
+        cart: fitted(track, members[cart], fleet.lines, params) for cart, track in zip(first, fleet.tracks, strict=True)
+    }
+    usual = float(np.median([place.cost for place in found.values()]))
+    spare = [np.zeros((0, COLUMNS))]
     for cart in carts:
-        area = maps[cart]
-        legs, closed = legs_of(runs[cart])
-        placed = compose(frames[cart].pose, area.nodes)
-        told, lines = told_of(area, placed[1::2], closed, lines, frames[cart].pose, model)
-        stages.append(corrected(legs.stages, area.biases, model))
-        bounds.append(legs.bounds + offset)
-        offset += len(legs.stages)
-        lasts += [legs.slips_last, [False]]
-        lifted += [np.zeros(len(legs.bounds) - 1, bool), [True]]
-        bumpers.append(closed)
-        nodes.append(placed)
-        felt.append(told)
-    return (
-        Legs(
-            np.concatenate(stages), np.concatenate(bounds), np.concatenate(lasts)[:-1],
-            np.concatenate(lifted)[:-1],
-        ),
-        np.concatenate(bumpers),
-        Refined(np.concatenate(nodes), np.concatenate(felt), lines, np.zeros(2), 0.0),
-    )  # fmt: skip
+        if cart not in found:
+            track, new = found_on(fleet.lines, recordings[cart], mapper, params)
+            found[cart] = fitted(track, members[cart], fleet.lines, params)
+            spare.append(new)
+    taken = [
+        cart for cart in carts
+        if cart in first or (found[cart].share >= params.least_told and found[cart].cost - usual <= params.worse)
+    ]  # fmt: skip
+    fleet = Fleet([members[cart] for cart in taken], [found[cart].track for cart in taken], fleet.lines)
+    fleet = refined(fleet, np.concatenate(spare), params)
+    shares, excess = np.zeros(len(recordings)), np.full(len(recordings), np.inf)
+    for cart, place in found.items():
+        shares[cart], excess[cart] = place.share, place.cost - usual
+    return concluded(fleet, taken, MergedMap(
+        first[0], first, [cart for cart in range(len(recordings)) if cart not in taken], shares, excess, 0.0, [],
+        fleet.lines, [np.zeros((0, 3))] * len(recordings), np.zeros((len(recordings), 2)),
+    ), params)  # fmt: skip
+
+
+def core_map(
+    recordings: Sequence[Recording], members: list[Member], frames: Sequence[np.ndarray], params: BumpMergingParams
+) -> Fleet:
+    """The map of carts whose own maps lie at `frames` (3,) in the first one's."""
+    lines, tracks = recordings[0].area.lines, []
+    for recording, member, pose in zip(recordings, members, frames, strict=True):
+        area = recording.area
+        nodes = compose(pose, area.nodes)
+        felt = area.felt
+        if tracks:
+            felt, lines = told_of(area, nodes[1::2], member, lines, pose)
+        tracks.append(Track(nodes, felt.copy(), area.biases))
+    return refined(Fleet(members, tracks, lines), np.zeros((0, COLUMNS)), params)
 
 
 def told_of(
-    area: BumpMap, bumped: np.ndarray, closed: np.ndarray, lines: np.ndarray, pose: np.ndarray, model: Model
+    area: BumpMap, bumped: np.ndarray, member: Member, lines: np.ndarray, pose: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which of `lines` (n, 10) the bumps of a map at a pose felt, -1 for none; and the lines, with its own new.
 
     A wall of the map is the line that most of its bumps would be told of, and if that is not half of them a new one.
     """
-    if not np.any(area.felt >= 0) or np.array_equal(lines, area.lines):
-        return area.felt.copy(), lines
-    near = np.full(len(closed), -1)
-    tell(bumped, closed, lines, model._replace(contact=3.0 * model.contact), near)
-    told = np.full(len(closed), -1)
+    near = np.full(len(bumped), -1)
+    tell(bumped, member.bumpers, lines, member.model._replace(contact=3.0 * member.model.contact), near)
+    told = np.full(len(bumped), -1)
     for j in range(len(area.lines)):
         own = area.felt == j
         votes = np.bincount(near[own & (near >= 0)], minlength=1)
@@ -259,17 +186,221 @@ def told_of(
     return told, lines
 
 
-def corrected(stages: np.ndarray, biases: np.ndarray, model: Model) -> np.ndarray:
-    """Stages (s, 3) whose counts, no longer whole, have biases in them."""
-    left, right = stages[:, 1], stages[:, 2]
-    way = 0.5 * (left + right)
-    difference = (right - left) * (1.0 + biases[0]) + biases[1] * way * model.wheelbase
-    return np.column_stack([stages[:, 0], way - 0.5 * difference, way + 0.5 * difference])
-
-
 def moved_line(line: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """A line (10,) of another frame."""
     moved = line.copy()
     moved[[X, Y]] = transform(pose, line[[X, Y]])
     moved[PHI] = line[PHI] + pose[2]
     return moved
+
+
+def found_on(
+    lines: np.ndarray, recording: Recording, mapper: BumpMapperParams, params: BumpMergingParams
+) -> tuple[Track, np.ndarray]:
+    """Where a run was on a map of lines (m, 10), and the lines (k, 10) that it felt besides.
+
+    The mapper's own particles, which know the walls from the start and are anywhere at their first bump; the one that
+    explains the run best is told. Where it is told wrong, three times as many try again.
+    """
+    known = lines.copy()
+    known[:, [VAR_PHI, VAR_BEYOND]], known[:, COVARIANCE] = params.wall_doubt**2, 0.0
+    is_bump = recording.area.is_bump
+    track, new = Track(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(2)), lines[:0]
+    for n in params.particles * 3 ** np.arange(params.tries):
+        changed = {"n_particles": int(n), "n_islands": 1, "n_lines": min(120, len(lines) + mapper.n_lines)}
+        swarm = BumpMapper(recording.cart, mapper.model_copy(update=changed))
+        swarm.swarm.poses[:] = starts_anywhere(lines, recording, int(n))
+        swarm.swarm.lines[:, : len(lines)] = known
+        swarm.swarm.n_lines[:] = len(lines)
+        swarm.extend(recording.stages)
+        state = swarm.state(int(np.argmax(swarm.swarm.scores)))
+        track = Track(state.nodes, np.where(state.felt < len(lines), state.felt, -1), state.biases)
+        new = state.lines[len(lines) :]
+        if np.mean(track.felt[is_bump] >= 0) >= params.least_told:
+            break
+    return track, new
+
+
+def starts_anywhere(lines: np.ndarray, recording: Recording, n: int) -> np.ndarray:
+    """Poses (n, 3) at a run's start, from which it has its first bump anywhere along lines (m, 10), at any angle.
+
+    Places are even along the walls, angles an additive sequence (Weyl, of the golden ratio).
+    """
+    lines, cart = lines[lines[:, HITS] >= LEAST_BUMPS], recording.cart
+    ends = stretches(lines)
+    along = ends[:, 2:] - ends[:, :2]
+    reached = np.cumsum(np.hypot(*along.T) + 1e-9)
+    at = (np.arange(n) + 0.5) / n * reached[-1]
+    row = np.searchsorted(reached, at)
+    back = (reached[row] - at) / (np.hypot(*along.T) + 1e-9)[row]
+    off = STEEPEST_START * (2.0 * (np.arange(n) * GOLDEN % 1.0) - 1.0)
+    # the end of the bumper that is farther out touches
+    touching = np.column_stack([
+        np.full(n, cart.bumper_ahead), -0.5 * cart.bumper_width * np.where(off < 0.0, -1.0, 1.0), np.zeros(n)
+    ])  # fmt: skip
+    spots = ends[row, 2:] - back[:, None] * along[row]
+    poses = compose(np.column_stack([spots, lines[row, PHI] + off]), inverse(touching))
+    first = bumps_of(recording.stages)[0]
+    return compose(poses, inverse(raw_path(recording.stages[: first + 1], cart)[-1]))
+
+
+def fitted(track: Track, member: Member, lines: np.ndarray, params: BumpMergingParams) -> Place:
+    """A track laid on walls (m, 10) that stay where they are, with its bumps told of them again."""
+    is_bump = member.bumpers > 0
+    cost = math.inf
+    for _ in range(2):
+        felt = told_again(Fleet([member], [track], lines), params).tracks
+        (track,), _, cost = descend_together([member], felt, lines, params.steps, is_fixed=True)
+    strays = track.felt[is_bump] < 0
+    cost -= math.log(STRAY_SHARE) * float(np.sum(strays))
+    return Place(track, 1.0 - float(np.mean(strays)), cost / len(strays))
+
+
+def refined(fleet: Fleet, spare: np.ndarray, params: BumpMergingParams) -> Fleet:
+    """Walls are told again, found among `spare` ones (k, 10) for bumps that have none, and joined, while that helps."""
+    fleet = settled(fleet, params)
+    tried: set[tuple[float, float]] = set()
+    for _ in range(params.rounds):
+        trial = settled(grown(told_again(fleet, params), spare, params), params)
+        trial = joined(min(trial, fleet, key=lambda each: each.cost), params, tried)
+        trial = parted(trial, params)
+        if not trial.cost < fleet.cost - 0.1:
+            break
+        fleet = trial
+    return pruned(fleet, params)
+
+
+def settled(fleet: Fleet, params: BumpMergingParams) -> Fleet:
+    """After one descent; the cost has that of walls and strays in it."""
+    felt = np.concatenate([track.felt for track in fleet.tracks])
+    lines, felt = kept(fleet.lines, felt)
+    bounds = np.cumsum([len(track.felt) for track in fleet.tracks])[:-1]
+    tracks = [track._replace(felt=own) for track, own in zip(fleet.tracks, np.split(felt, bounds), strict=True)]
+    tracks, lines, cost = descend_together(fleet.members, tracks, lines, params.steps)
+    lines = felt_extents(lines, fleet.members, tracks)
+    strays = sum(
+        int(np.sum((track.felt < 0) & (member.bumpers > 0)))
+        for track, member in zip(tracks, fleet.members, strict=True)
+    )
+    cost += params.refinement.wall_cost * len(lines) - math.log(STRAY_SHARE) * strays
+    return Fleet(fleet.members, tracks, lines, cost)
+
+
+def told_again(fleet: Fleet, params: BumpMergingParams) -> Fleet:
+    """Each bump told of the wall that it met most likely."""
+    tracks = []
+    for member, track in zip(fleet.members, fleet.tracks, strict=True):
+        felt = track.felt.copy()
+        tell(track.nodes[1::2], member.bumpers, fleet.lines, member.model._replace(reach=params.reach), felt)
+        tracks.append(track._replace(felt=felt))
+    return fleet._replace(tracks=tracks)
+
+
+def grown(fleet: Fleet, spare: np.ndarray, params: BumpMergingParams) -> Fleet:
+    """With walls for bumps that have none: of `spare` ones that which most of these met, again and again."""
+    n_bumps = sum(int(np.sum(member.bumpers > 0)) for member in fleet.members)
+    lines, tracks = fleet.lines, fleet.tracks
+    while len(spare):
+        met = []
+        for line in spare:
+            own = []
+            for member, track in zip(fleet.members, tracks, strict=True):
+                felt = np.full(len(track.felt), -1)
+                tell(track.nodes[1::2], np.where(track.felt < 0, member.bumpers, 0), line[None], member.model, felt)
+                own.append(felt >= 0)
+            met.append(own)
+        counts = [sum(int(np.sum(own)) for own in each) for each in met]
+        best = int(np.argmax(counts))
+        if counts[best] < max(LEAST_BUMPS, params.least_felt * n_bumps):
+            break
+        tracks = [
+            track._replace(felt=np.where(own, len(lines), track.felt))
+            for track, own in zip(tracks, met[best], strict=True)
+        ]
+        lines, spare = np.vstack([lines, spare[best]]), np.delete(spare, best, axis=0)
+    return fleet._replace(tracks=tracks, lines=lines)
+
+
+def joined(fleet: Fleet, params: BumpMergingParams, tried: set[tuple[float, float]]) -> Fleet:
+    """With pairs of walls made one where that costs less than two; no pair is tried twice."""
+    model = fleet.members[0].model
+    while True:
+        nodes = np.concatenate([track.nodes for track in fleet.tracks])
+        felt = np.concatenate([track.felt for track in fleet.tracks])
+        state = Refined(nodes, felt, fleet.lines, np.zeros(2), fleet.cost)
+        pairs = [pair for pair in alike(state, model, params.refinement) if pair[3] not in tried]
+        if not pairs:
+            return fleet
+        _, i, j, name = min(pairs, key=lambda pair: pair[0])
+        tried.add(name)
+        tracks = [track._replace(felt=np.where(track.felt == j, i, track.felt)) for track in fleet.tracks]
+        trial = settled(fleet._replace(tracks=tracks), params)
+        if trial.cost < fleet.cost:
+            fleet = trial
+
+
+def parted(fleet: Fleet, params: BumpMergingParams) -> Fleet:
+    """With walls made two that bend where they were taken for straight, if that saves enough."""
+    for j, (places, beyond) in enumerate(zip(*places_felt(fleet.lines, fleet.members, fleet.tracks), strict=True)):
+        at = bend(places, beyond)
+        if at is None:
+            continue
+        tracks = []
+        for member, track in zip(fleet.members, fleet.tracks, strict=True):
+            felt = track.felt.copy()
+            for row in np.flatnonzero(felt == j):
+                if innovation(fleet.lines[j], track.nodes[2 * row + 1], member.model)[3] > at:
+                    felt[row] = len(fleet.lines)
+            tracks.append(track._replace(felt=felt))
+        trial = settled(fleet._replace(tracks=tracks, lines=np.vstack([fleet.lines, fleet.lines[j]])), params)
+        if trial.cost < fleet.cost - params.bent * len(places):
+            return parted(trial, params)
+    return fleet
+
+
+def pruned(fleet: Fleet, params: BumpMergingParams) -> Fleet:
+    """Without walls that few bumps or few carts felt; their bumps are told of others, or strays.
+
+    Bumps of a wall come from many carts, those of one that lost its way for a while from one: of n carts, h bumps that
+    fall on any of them alike come from n (1 - (1 - 1 / n)^h).
+    """
+    n = len(fleet.members)
+    n_bumps = sum(int(np.sum(member.bumpers > 0)) for member in fleet.members)
+    carts = np.array([[np.any(track.felt == j) for j in range(len(fleet.lines))] for track in fleet.tracks])
+    hits = fleet.lines[:, HITS]
+    expected = n * (1.0 - (1.0 - 1.0 / n) ** hits)
+    is_wall = (hits >= max(LEAST_BUMPS, params.least_felt * n_bumps)) & (
+        np.sum(carts, axis=0) >= params.least_spread * expected
+    )
+    if np.all(is_wall) or not np.any(is_wall):
+        return fleet
+    return settled(told_again(fleet._replace(lines=fleet.lines[is_wall]), params), params)
+
+
+def bend(places: np.ndarray, beyond: np.ndarray) -> float | None:
+    """Where along a wall two straight ones fit contacts best that are so far beyond it (k,); None for few of them."""
+    if len(places) < 4 * LEAST_BENT:
+        return None
+    order = np.argsort(places, kind="stable")
+    places, beyond = places[order], beyond[order]
+
+    def left(rows: slice) -> float:
+        table = np.column_stack([np.ones(len(places[rows])), places[rows]])
+        return float(np.sum((beyond[rows] - table @ np.linalg.lstsq(table, beyond[rows], rcond=None)[0]) ** 2))
+
+    splits = np.unique(np.linspace(LEAST_BENT, len(places) - LEAST_BENT, 20).astype(int))
+    best = min(splits, key=lambda split: left(slice(0, split)) + left(slice(split, None)))
+    return float(0.5 * (places[best - 1] + places[best]))
+
+
+def concluded(fleet: Fleet, taken: list[int], known: MergedMap, params: BumpMergingParams) -> MergedMap:
+    """What is `known` of the carts, with the map of those `taken`, in the frame of the first one."""
+    back = inverse(fleet.tracks[0].nodes[0])
+    lines = np.array([moved_line(line, back) for line in fleet.lines]).reshape(-1, COLUMNS)
+    walls = walls_of(lines)
+    itself = Shape(lines, points_on(walls, 0.03))
+    nodes, biases = list(known.nodes), known.biases.copy()
+    for cart, track in zip(taken, fleet.tracks, strict=True):
+        nodes[cart], biases[cart] = compose(back, track.nodes), track.biases
+    second = frame_of(itself, itself, params.frames).second
+    return known._replace(second=second, walls=walls, lines=lines, nodes=nodes, biases=biases)

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
-        "slam.affinity", "slam.area", "slam.bump_ancestry", "slam.bump_particles", "slam.bump_swarm",
+        "slam.affinity", "slam.area", "slam.bump_ancestry", "slam.bump_frames", "slam.bump_particles", "slam.bump_swarm",
         "slam.bump_walls", "slam.bumps", "slam.cart_likelihood",
         "slam.cart_odometry", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
         "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.families", "slam.frontiers",
@@ -44,7 +44,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.ros_map",
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.formats.wean",
         "server.link", "server.messages", "server.presets", "server.recording", "server.scip", "server.transport",
-        "server.virtual_link", "server.words", "slam.bump_bundle", "slam.bump_estimator", "slam.bump_localizer",
+        "server.virtual_link", "server.words", "slam.bump_bundle", "slam.bump_estimator", "slam.bump_fleet",
+        "slam.bump_localizer",
         "slam.bump_mapper", "slam.bump_merging", "slam.bump_refinement", "slam.bump_survivors", "slam.bundle",
         "slam.bundled_islands", "slam.cart_calibration", "slam.fastslam", "slam.grid_filter", "slam.islands",
         "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refined_grid_filter", "slam.refinement",
@@ -72,13 +73,14 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.survey", "server.views",
     ),
     (
-        "server.bridge", "server.cart_calibration", "server.demo", "server.headless", "server.laser_calibration",
+        "server.bridge", "server.cart_calibration", "server.cart_merging", "server.demo", "server.headless",
+        "server.laser_calibration",
         "server.live", "server.mapping", "server.motor_calibration", "server.odometry_calibration", "server.recorded",
         "server.render",
         "server.render_queue", "server.replay", "server.sessions", "server.simulate",
         "server.sonar_calibration", "server.workbench",
     ),
-    ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.terminal"),
+    ("server.__main__", "server.board", "server.calibrate", "server.flash", "server.swarm", "server.terminal"),
 )  # fmt: skip
 LAYER_OF = {module: layer for layer, modules in enumerate(LAYERS) for module in modules}
 PACKAGES = ("slam", "server", "firmware", "bench", "tests", "docs")

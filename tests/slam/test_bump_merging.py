@@ -1,125 +1,146 @@
-"""Several carts' maps made one: frames are found by the walls, doubt is told, and more carts make a better map."""
+"""Several carts' maps made one: wrong maps are outvoted, runs are found on the map, more carts make a better one."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams, segments_of
-from slam.bump_merging import LEAST_SHARED, BumpMergingParams, corrected, frame_of, merge, moved_line, near_share
-from slam.bump_swarm import BEYOND, COLUMNS, HIGH, HITS, LOW, PHI, X, Y
-from slam.bump_walls import map_error, points_on, stretches, walls_of
-from slam.cart_odometry import CartParams, bumps_of
+from slam.bump_mapper import BumpMapper, BumpMapperParams, segments_of
+from slam.bump_merging import BumpMergingParams, MergedMap, Recording, bend, merge, moved_line, starts_anywhere
+from slam.bump_swarm import PHI, innovation
+from slam.bump_walls import map_error, points_on, stretches
+from slam.cart_odometry import CartParams, bumps_of, raw_path
 from slam.evaluate import alignment
-from slam.pose import compose, inverse, transform, wrap
-from tests.naive import bumps_felt as naive
-from tests.slam.bump_world import AREAS, edges_of, rectangle, run
+from slam.pose import compose, transform
+from tests.slam.bump_world import AREAS, edges_of, run
 
 MODEL = BumpMapperParams().model(CartParams())
 MERGING = BumpMergingParams()
 
 
-def drawn(corners: np.ndarray, pose: np.ndarray) -> BumpMap:
-    """A perfect map of a room of corners (n, 2), counter-clockwise, the room being at a pose in the map's frame."""
-    corners = transform(pose, corners)
-    lines = np.zeros((len(corners), COLUMNS))
-    contacts = []
-    for row, (start, end) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
-        length = math.hypot(*(end - start))
-        phi = math.atan2(*(end - start)[::-1]) - 0.5 * math.pi
-        lines[row, [X, Y]] = 0.5 * (start + end)
-        lines[row, PHI], lines[row, BEYOND], lines[row, HITS] = phi, 0.0, 9.0
-        lines[row, LOW], lines[row, HIGH] = 0.05 - 0.5 * length, 0.5 * length - 0.05
-        contacts.append(start + np.linspace(0.1, 0.9, 9)[:, None] * (end - start))
-    none = np.zeros((0, 3))
-    return BumpMap(none, np.zeros(0, bool), np.concatenate(contacts), walls_of(lines), np.zeros(0, int), lines,
-                   np.zeros(2), 0.0)  # fmt: skip
+CUT = AREAS["cut rectangle"]
+MAPPER = BumpMapperParams(n_particles=1500, n_islands=2)
+N_CARTS = 10
 
 
-@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (1.0, -2.0, 2.5), (-0.3, 0.4, -1.3)])
-def test_frames_are_found_by_the_walls_shape(pose):
-    corners = AREAS["cut rectangle"][0]
-    one, other = drawn(corners, np.zeros(3)), drawn(corners, np.array(pose))
-    frame = frame_of(one, other, MERGING)
-    off = compose(frame.pose, np.array(pose))
-    assert np.hypot(*off[:2]) < 0.01
-    assert abs(float(wrap(off[2]))) < 0.01
-    assert frame.score > 0.95
-    assert frame.second < MERGING.doubtful * frame.score
+class Carts(NamedTuple):
+    """Recordings, true places (n, 2) of each one's bumps, and the errors of their own maps."""
+
+    recordings: list[Recording]
+    truths: list[np.ndarray]
+    alone: list[float]
 
 
-def test_a_rectangle_lies_as_well_the_other_way_round():
-    one = drawn(rectangle(1.5, 1.1), np.zeros(3))
-    frame = frame_of(one, one, MERGING)
-    assert frame.second > MERGING.doubtful * frame.score
+def recording(area: list[np.ndarray], seed: int, bumps: int) -> tuple[Recording, np.ndarray]:
+    """A cart's, and the true places of its bumps."""
+    stages, truth = run(area, seed, bumps)
+    mapper = BumpMapper(CartParams(), MAPPER, seed)
+    mapper.extend(stages)
+    return Recording(stages, CartParams(), mapper.refine()), truth[bumps_of(stages) + 1, :2]
 
 
-def test_other_rooms_fit_badly():
-    one, other = drawn(AREAS["triangle"][0], np.zeros(3)), drawn(AREAS["cut rectangle"][0], np.zeros(3))
-    assert frame_of(one, other, MERGING).score < LEAST_SHARED
+@pytest.fixture(scope="module")
+def carts() -> Carts:
+    """Ten of 60 bumps in one room."""
+    found = [recording(CUT, 40 + seed, 60) for seed in range(N_CARTS)]
+    alone = [off(each.area.walls, each.area.path[:, :2], truth) for each, truth in found]
+    return Carts([each for each, _ in found], [truth for _, truth in found], alone)
 
 
-def test_maps_of_nothing_fit_nowhere():
-    one = drawn(AREAS["triangle"][0], np.zeros(3))
-    bare = one._replace(lines=one.lines[:0], contacts=one.contacts[:0], walls=[])
-    assert frame_of(one, bare, MERGING).score == 0.0
-    assert frame_of(bare, one, MERGING).score == 0.0
+@pytest.fixture(scope="module")
+def whole(carts: Carts) -> MergedMap:
+    """All of them."""
+    return merge(carts.recordings, MAPPER, MERGING)
 
 
-def test_contacts_near_walls_count_as_the_twin_says():
-    rng = np.random.default_rng(1)
-    points, segments = rng.uniform(-1, 1, (5, 2)), rng.uniform(-1, 1, (3, 4))
-    pose = np.array([0.1, -0.2, 0.7])
-    assert near_share(points, segments, pose, 0.3) == pytest.approx(naive.near_share(points, segments, pose, 0.3), 1e-3)
+def error_of(whole: MergedMap, truths: list[np.ndarray]) -> float:
+    """Of a merged map, laid by all its paths."""
+    used = [cart for cart in range(len(truths)) if cart not in whole.left_out]
+    places = np.concatenate([whole.nodes[cart][1::2, :2] for cart in used])
+    return off(whole.walls, places, np.concatenate([truths[cart] for cart in used]))
 
 
-def test_lines_move_with_their_frame():
-    line, pose = drawn(AREAS["triangle"][0], np.zeros(3)).lines[1], np.array([0.5, -0.4, 1.9])
+def test_ten_carts_make_a_better_map_than_one(carts: Carts, whole: MergedMap):
+    assert len(whole.left_out) <= 2
+    error = error_of(whole, carts.truths)
+    assert error < 0.5 * float(np.median(carts.alone)), (error, carts.alone)
+    assert error < 0.006
+
+
+def test_the_map_lies_in_the_frame_of_the_reference(whole: MergedMap):
+    np.testing.assert_allclose(whole.nodes[whole.reference][0], 0.0, atol=1e-9)
+    assert whole.reference == whole.core[0]
+
+
+def test_the_order_of_recordings_does_not_matter(carts: Carts):
+    few = carts.recordings[:3]
+    one, other = merge(few, MAPPER, MERGING), merge(few[::-1], MAPPER, MERGING)
+    assert one.lines.tobytes() == other.lines.tobytes()
+    assert [nodes.tobytes() for nodes in one.nodes] == [nodes.tobytes() for nodes in other.nodes[::-1]]
+    assert one.reference == 2 - other.reference
+
+
+def test_a_cart_with_a_wrong_map_is_found_by_its_run(carts: Carts, whole: MergedMap):
+    """Of five carts one has another room's map: it has no vote, and its run lies in the map all the same."""
+    other, _ = recording(AREAS["pentagon"], 7, 60)
+    best = [*whole.core, *(cart for cart in range(N_CARTS) if cart not in whole.core)][:5]
+    recordings = [carts.recordings[cart] for cart in best]
+    recordings[4] = recordings[4]._replace(area=other.area._replace(cost=-1e3))
+    found = merge(recordings, MAPPER, MERGING)
+    assert 4 not in found.core
+    assert found.left_out == []
+    assert error_of(found, [carts.truths[cart] for cart in best]) < 0.01
+
+
+def test_a_cart_from_elsewhere_is_left_out(carts: Carts, whole: MergedMap):
+    other, _ = recording(AREAS["triangle"], 7, 40)
+    best = whole.core[:3]
+    found = merge([*(carts.recordings[cart] for cart in best), other], MAPPER, MERGING)
+    assert found.left_out == [3]
+    assert found.excess[3] > MERGING.worse
+    assert len(found.nodes[3]) == 0
+
+
+def test_one_cart_alone_keeps_its_map(carts: Carts):
+    best = int(np.argmin(carts.alone))
+    found = merge(carts.recordings[best : best + 1], MAPPER, MERGING)
+    assert found.core == [0]
+    assert error_of(found, carts.truths[best : best + 1]) < max(0.01, 1.5 * carts.alone[best])
+
+
+def test_a_merge_of_nothing_is_refused(carts: Carts):
+    with pytest.raises(ValueError, match="0 recordings"):
+        merge([])
+    one = carts.recordings[0]
+    bare = one._replace(area=one.area._replace(felt=np.full_like(one.area.felt, -1)))
+    with pytest.raises(ValueError, match="1 recordings, none of which felt a wall"):
+        merge([bare])
+
+
+def test_lines_move_with_their_frame(whole: MergedMap):
+    line, pose = whole.lines[1], np.array([0.5, -0.4, 1.9])
     ends = stretches(line[None]).reshape(2, 2)
     np.testing.assert_allclose(stretches(moved_line(line, pose)[None]).reshape(2, 2), transform(pose, ends), atol=1e-12)
 
 
-def test_counts_are_corrected_by_biases():
-    stages = np.array([[0.0, 400.0, 420.0], [2.0, -40.0, 40.0]])
-    biases = np.array([0.03, -0.05])
-    for stage, own in zip(stages, corrected(stages, biases, MODEL), strict=True):
-        whole = naive.composed(own[None], np.zeros(2), CartParams())
-        np.testing.assert_allclose(whole, naive.composed(stage[None], biases, CartParams()), atol=1e-9)
+def test_starts_have_their_first_bump_at_a_wall(carts: Carts, whole: MergedMap):
+    one = carts.recordings[0]
+    starts = starts_anywhere(whole.lines, one, 300)
+    first = bumps_of(one.stages)[0]
+    ends = compose(starts, raw_path(one.stages[: first + 1], one.cart)[-1])
+    offs = [min(abs(innovation(line, pose, MODEL)[0]) for line in whole.lines) for pose in ends]
+    assert max(offs) < 1e-6
+    facing = [max(math.cos(pose[2] - line[PHI]) for line in whole.lines) for pose in ends]
+    assert min(facing) > 0.2
 
 
-def test_a_merge_of_nothing_is_refused():
-    with pytest.raises(ValueError, match="give each run its map"):
-        merge([], [], MODEL)
-    with pytest.raises(ValueError, match="1 maps of 0 runs"):
-        merge([], [drawn(AREAS["triangle"][0], np.zeros(3))], MODEL)
-
-
-def test_several_carts_make_one_map():
-    """Four carts of 100 bumps: the merged map is right, is in the best cart's frame, and beats the carts' median."""
-    area = AREAS["cut rectangle"]
-    runs, maps, truths, alone = [], [], [], []
-    for seed in range(4):
-        stages, truth = run(area, 40 + seed, 100)
-        mapper = BumpMapper(CartParams(), BumpMapperParams(n_particles=2000, n_islands=2), seed)
-        mapper.extend(stages)
-        runs.append(stages)
-        maps.append(mapper.refine())
-        truths.append(truth[bumps_of(stages) + 1, :2])
-        alone.append(off(maps[-1].walls, maps[-1].path[:, :2], truths[-1]))
-    whole = merge(runs, maps, MODEL)
-    used = [cart for cart in range(4) if cart not in whole.left_out]
-    assert whole.reference in used
-    assert len(used) >= 3, whole.frames
-    places = np.concatenate([whole.nodes[cart][1::2, :2] for cart in used])
-    error = off(whole.walls, places, np.concatenate([truths[cart] for cart in used]))
-    assert error < max(0.015, float(np.median(alone))), (error, alone)
-    again = merge(runs, maps, MODEL)
-    assert [nodes.tobytes() for nodes in again.nodes] == [nodes.tobytes() for nodes in whole.nodes]
-    for cart in used:
-        lay = compose(inverse(whole.frames[cart].pose), whole.nodes[cart])
-        assert np.median(np.hypot(*(lay - maps[cart].nodes)[:, :2].T)) < 0.2
+def test_a_bend_is_found_where_contacts_lie_along_two_walls():
+    places = np.linspace(-0.5, 0.5, 101)
+    assert bend(places, 0.1 * np.abs(places - 0.2)) == pytest.approx(0.2, abs=0.05)
+    assert bend(places[:10], places[:10]) is None
 
 
 def off(walls: list[np.ndarray], places: np.ndarray, true: np.ndarray) -> float:
