@@ -56,7 +56,7 @@ CASES = {
     "300 bumps": Case(300),
     "100 bumps, drift low": Case(100, "low"),
     "100 bumps, drift high": Case(100, "high"),
-    "100 bumps, 2,000 particles": Case(100, params=BumpMapperParams(n_particles=2000)),
+    "100 bumps, 4,000 particles": Case(100, params=BumpMapperParams(n_particles=4000)),
     "100 bumps, one island": Case(100, params=BumpMapperParams(n_islands=1)),
 }
 
@@ -108,6 +108,9 @@ def run(case: Case, seed: int) -> Record:
         "error": error,
         "covered": covered,
         "good": error < GOOD,
+        "missed": error >= GOOD and refined.is_sure,
+        "needless": error < GOOD and not refined.is_sure,
+        "arcs": len(refined.arcs),
         "live_error": live_error,
         "live_covered": live_covered,
         "live_good": live_error < GOOD,
@@ -127,6 +130,8 @@ BENCH = Bench(
         Column("refined map off: median / p90 / worst (m)", figures("error", 3, 0.5, 0.9, 1.0)),
         Column("below 5 cm (95 %)", share("good")),
         Column("covered: median / least", figures("covered", 2, 0.5, 0.0)),
+        Column("not below 5 cm, yet called sure", share("missed")),
+        Column("below 5 cm, yet called doubtful", share("needless")),
         Column("live map off: median / p90 / worst (m)", figures("live_error", 3, 0.5, 0.9, 1.0)),
         Column("below 5 cm (95 %) ", share("live_good")),
         Column("dead reckoning off: median / p90 (m)", figures("raw_error", 3, 0.5, 0.9)),

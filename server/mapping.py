@@ -243,6 +243,11 @@ class CartMapper:
                     f"the cart is not localized: it may be in {len(known.clusters)} places of the map ({shares}); more "
                     "bumps may tell, unless the map looks alike from them"
                 )
+        elif not (made := self.path_filter.map()).is_sure:
+            found.append(
+                f"the map is doubtful: with a probability of {100.0 * made.doubt:.0f} % its walls are off by 5 cm or "
+                "more; more bumps may tell"
+            )
         return found
 
     def prepare(self, drive: Drive) -> None:

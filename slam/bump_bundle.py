@@ -1,8 +1,9 @@
 """Least squares over a run of bumps: poses before and after each drive, the lines of walls, and two biases.
 
-What odometry errs by between two poses is one of three: as a rule little; much, where a bump slipped or turned the
-cart; or anything, where a wall hindered a turn. A bump lies on its wall, or is a stray. Costs are the logs of these
-mixtures; gradients are exact, second derivatives those of the mixtures' quadratic majorants.
+What odometry errs by between two poses is one of four: as a rule little; more, where a bump slipped or turned the
+cart; much, where its bumper did not feel the wall at once; or anything, where a wall hindered a turn. A bump lies on
+its wall, or is a stray. Costs are the logs of these mixtures; gradients are exact, second derivatives those of the
+mixtures' quadratic majorants.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from slam.pose_graph import Border, Terms, relative_jacobians
 
 NUDGE = 1e-5  # m or rad by which derivatives are found
 SIDEWAYS = 0.002  # m that wheels slide sideways
-KINDS = 3  # of errors
+KINDS = 4  # of errors: little, a slip, a turn that was hindered, a drive that went on at a wall
 FLATNESS = 0.02  # rad that a bumper flat against a wall is off it
 UNKNOWN = 1e-3  # inverse variance of how far a wall is that nothing is known of
 STRAY_SHARE = 5e-4  # of a bump's greatest likelihood at a wall, that a stray has
@@ -103,9 +104,12 @@ def covariances_of(legs, model, covariances):
             covariances[kind, leg, 1, 1] += SIDEWAYS**2
             covariances[kind, leg, 2, 2] += SIDEWAYS**2
             if kind > 0 and legs.slips_last[leg]:
-                covariances[kind, leg, 0, 0] += model.slip_distance**2
-                covariances[kind, leg, 1, 1] += model.slip_distance**2
-                covariances[kind, leg, 2, 2] += model.slip_turn**2
+                distance, turn = model.slip_distance, model.slip_turn
+                if kind == 3:
+                    distance, turn = model.drag_distance, model.drag_turn
+                covariances[kind, leg, 0, 0] += distance**2
+                covariances[kind, leg, 1, 1] += distance**2
+                covariances[kind, leg, 2, 2] += turn**2
 
 
 @njit(cache=True)
@@ -195,18 +199,23 @@ class BumpBundle:
     """What `slam.pose_graph.descend` makes less, for one telling of which wall each node's bump felt.
 
     `felt` (n,) are rows of `lines` (m, 10), or -1; the lines' directions are a prior of their own. `spreads` are the
-    standard deviations of the biases.
+    standard deviations of the biases. Lines that are `held` (m,) stay where they are.
     """
 
-    def __init__(self, legs: Legs, felt: np.ndarray, lines: np.ndarray, model: Model, spreads: tuple[float, float]):
+    def __init__(
+        self, legs: Legs, felt: np.ndarray, lines: np.ndarray, model: Model, spreads: tuple[float, float],
+        held: np.ndarray | None = None,
+    ):  # fmt: skip
         self.legs, self.felt, self.model = legs, felt, model
+        self.held = np.zeros(0, np.int64) if held is None else 2 + np.flatnonzero(np.repeat(held, 2))
         self.anchors, self.directions = np.ascontiguousarray(lines[:, :2]), lines[:, 2].copy()
         n_legs = len(legs.bounds) - 1
         covariances = np.empty((KINDS, n_legs, 3, 3))
         covariances_of(legs, model, covariances)
         self.precisions = np.linalg.inv(covariances)
         self.precisions[:, legs.is_lifted] *= UNKNOWN
-        shares = np.array([1.0 - model.slip_share - model.stuck_share, model.slip_share, model.stuck_share])
+        shares = np.array([0.0, model.slip_share, model.stuck_share, model.drag_share])
+        shares[0] = 1.0 - np.sum(shares)
         log_shares = np.log(shares)[:, None] + 0.5 * np.linalg.slogdet(self.precisions)[1]
         self.log_shares = log_shares - np.logaddexp.reduce(log_shares, axis=0)  # a motion without error costs nothing
         self.spreads = np.array(spreads)
@@ -227,4 +236,7 @@ class BumpBundle:
         border.gradient[at] += weights * off
         border.hessian[at, at] += weights
         border.hessian[3::2, 3::2] += UNKNOWN * np.eye(n_walls)
+        border.gradient[self.held] = border.mixed[:, :, self.held] = 0.0
+        border.hessian[self.held] = border.hessian[:, self.held] = 0.0
+        border.hessian[self.held, self.held] = 1.0
         return cost + 0.5 * float(np.sum(weights * off**2)), terms, border

@@ -9,12 +9,16 @@ likely path and walls. The map lies in the frame of the cart's first pose.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from slam.bump_arcs import Arc, with_arcs
+from slam.bump_bundle import Legs
+from slam.bump_doubt import SURE, doubt
 from slam.bump_refinement import BumpRefinementParams, Refined, legs_of, refine
 from slam.bump_swarm import COLUMNS, PHI, PIECES, STRAY, Model, Swarm, advance
 from slam.bump_walls import walls_of
@@ -31,7 +35,7 @@ RESAMPLED = 1 << 40  # word of the keys of what is drawn for a resampling
 class BumpMapperParams(Params):
     """How many particles, and what they believe of bumps, walls and odometry."""
 
-    n_particles: int = Field(default=8000, ge=1, le=200_000)
+    n_particles: int = Field(default=16000, ge=1, le=200_000)
     n_islands: int = Field(default=4, ge=1, le=64)  # that never mix, so that another map stays when one loses the way
     n_lines: int = Field(default=24, ge=1, le=120)  # that a particle can tell apart
     contact: float = Field(default=0.01, gt=0.0)  # m, standard deviation of where a felt wall is
@@ -45,6 +49,10 @@ class BumpMapperParams(Params):
     slip_share: float = Field(default=0.2, gt=0.0, lt=1.0)  # of bumps after which the wheels went on,
     slip_distance: float = Field(default=0.02, gt=0.0)  # m in the mean,
     slip_turn: float = Field(default=0.1, gt=0.0)  # rad that this turned the cart
+    drag_share: float = Field(default=0.1, gt=0.0, lt=1.0)  # of bumps that the bumper feels only when the cart went on,
+    drag_tried: float = Field(default=0.2, gt=0.0, lt=1.0)  # share of particles that try such a bump
+    drag_distance: float = Field(default=0.2, gt=0.0)  # m in the mean,
+    drag_turn: float = Field(default=0.6, gt=0.0)  # rad that it turned until it was square to the wall
     stuck_share: float = Field(default=0.06, gt=0.0, lt=1.0)  # of turns that a wall hinders
     stuck_tried: float = Field(default=0.25, gt=0.0, lt=1.0)  # share of particles that try such a turn
     flat: float = Field(default=0.2, gt=0.0)  # rad off square, below which a bump may turn the cart square
@@ -72,6 +80,8 @@ class BumpMap(NamedTuple):
     `nodes` (2 t, 3) are the poses before and after each drive, `is_bump` (t,) tells which ended at a wall, `contacts`
     (m, 2) are the points of the bumper that touched there; `walls` are curves (k, 2); `felt` (t,) and `lines` are what
     they come of, `biases` (2,) the odometry's; `cost` in nats, less is likelier, tells refined maps of one run apart.
+    `doubt` is the probability that the map is wrong, nan where nobody asked. Round walls are `arcs`, and the last ones
+    of `walls`; in `lines` they are straight stretches. Only refined maps tell of both.
     """
 
     nodes: np.ndarray
@@ -82,6 +92,13 @@ class BumpMap(NamedTuple):
     lines: np.ndarray
     biases: np.ndarray
     cost: float
+    doubt: float = math.nan
+    arcs: Sequence[Arc] = ()
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the doubt is small; False where nobody asked."""
+        return self.doubt < SURE
 
     @property
     def path(self) -> np.ndarray:
@@ -218,7 +235,17 @@ class BumpMapper:
             for island in self.islands
             for p in self.unlike(island)
         ]
-        return self.map_of(min(refined, key=lambda state: state.cost))
+        best = min(refined, key=lambda state: state.cost)
+        return self.rounded(best, legs)._replace(doubt=doubt(best.cost, int(np.sum(bumpers > 0))))
+
+    def rounded(self, state: Refined, legs: Legs) -> BumpMap:
+        """A refined state as a map, with round walls where its lines stand for such."""
+        found = with_arcs(legs, state, self.model, self.cart, self.params.spreads, self.params.refinement)
+        if not found.arcs:
+            return self.map_of(state)
+        told = self.map_of(state._replace(nodes=found.nodes, lines=found.lines, biases=found.biases))
+        walls = walls_of(found.lines[~found.is_replaced])
+        return told._replace(walls=[*walls, *(arc.curve for arc in found.arcs)], arcs=found.arcs)
 
     def unlike(self, island: slice) -> list[int]:
         """The best particles of an island of which no two tell nearly the same walls for the bumps."""

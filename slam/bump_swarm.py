@@ -59,6 +59,10 @@ class Model(NamedTuple):
     slip_share: float
     slip_distance: float
     slip_turn: float
+    drag_share: float  # of bumps that the bumper does not feel at once, so that the cart pushes on
+    drag_tried: float  # and of those that are drawn so, whose weights make up for it
+    drag_distance: float  # by so much, in the mean,
+    drag_turn: float  # and turns by so much, until it stands square to the wall or nearly so
     contact: float  # standard deviation of where a felt wall is
     direction: float  # standard deviation of a new wall's direction about the heading
     new_walls: float  # of a way through the unknown, per m
@@ -91,9 +95,9 @@ def support(delta, model):
 def moved(pose, biases, stage, at_wall, key, particle, stream, model, out):
     """Fill `out` (3,) with a pose after a `stage` (3,) of kind and ticks, drawn from the odometry's errors.
 
-    Returns the log of how much more likely it is than it was drawn.
+    Returns the log of how much more likely it is than it was drawn, and whether the cart was dragged along a wall.
     """
-    log_weight = 0.0
+    log_weight, is_dragged, slid, pivoted = 0.0, False, 0.0, 0.0
     left, right = model.tick * stage[1], model.tick * stage[2]
     way = 0.5 * (left + right)
     turn = (right - left) / model.wheelbase * (1.0 + biases[0])
@@ -101,9 +105,21 @@ def moved(pose, biases, stage, at_wall, key, particle, stream, model, out):
     noise = model.rotation_noise * turn
     swing = noise * noise + model.turn_noise**2 * abs(way) + 2.0 * (blur / model.wheelbase) ** 2
     spread = model.distance_noise**2 * abs(way) + blur * blur
-    if at_wall and uniform_of(key, particle, stream + 2) < model.slip_share:  # the wheels went on at the wall
-        swing += model.slip_turn**2
-        way += model.slip_distance * math.log(1.0 - uniform_of(key, particle, stream + 3))
+    if at_wall:
+        how = uniform_of(key, particle, stream + 2)
+        beyond = -math.log(1.0 - uniform_of(key, particle, stream + 3))
+        if how < model.drag_tried:
+            is_dragged = True
+            log_weight = math.log(model.drag_share / model.drag_tried)
+            beyond = min(model.drag_distance * beyond, 0.95 * way)
+            way -= beyond
+            pivoted = model.drag_turn * gaussian_of(key, particle, 1)
+            slid = beyond * uniform_of(key, particle, 2)
+        else:
+            log_weight = math.log((1.0 - model.drag_share) / (1.0 - model.drag_tried))
+            if how < model.drag_tried + (1.0 - model.drag_tried) * model.slip_share:  # the wheels went on at the wall
+                swing += model.slip_turn**2
+                way -= model.slip_distance * beyond
     if stage[0] == TURN:
         if uniform_of(key, particle, stream + 2) < model.stuck_tried:
             turn *= uniform_of(key, particle, stream + 3)
@@ -116,8 +132,12 @@ def moved(pose, biases, stage, at_wall, key, particle, stream, model, out):
     chord = way * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
     out[0] = pose[0] + chord * math.cos(pose[2] + 0.5 * turn)
     out[1] = pose[1] + chord * math.sin(pose[2] + 0.5 * turn)
-    out[2] = pose[2] + turn
-    return log_weight
+    out[2] = pose[2] + turn + pivoted
+    if is_dragged:  # along the wall, which is across the way that it faces now
+        side = -1.0 if pivoted >= 0.0 else 1.0
+        out[0] -= side * slid * math.sin(out[2])
+        out[1] += side * slid * math.cos(out[2])
+    return log_weight, is_dragged
 
 
 @njit(cache=True)
@@ -286,11 +306,11 @@ def sided(delta, bumper):
 
 
 @njit(cache=True)
-def square_up(pose, line, key, p, model):
-    """A bump almost square to a wall may have turned the cart square to it."""
+def square_up(pose, line, flat, key, p, model):
+    """A bump off square to a wall by less than `flat` may have turned the cart square to it."""
     off = pose[2] - line[PHI]
     off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
-    if abs(off) < model.flat and line[VAR_PHI] < 0.01 and uniform_of(key, p, 4) < model.flat_share:
+    if abs(off) < flat and line[VAR_PHI] < 0.01 and uniform_of(key, p, 4) < model.flat_share:
         spread = math.sqrt(line[VAR_PHI] + 0.01**2)
         pose[2] -= off - spread * gaussian_of(key, p, 5)
 
@@ -307,16 +327,17 @@ def advance(swarm, stages, bumper, n_bumps, seed, vertex, model):
         pose[:] = swarm.poses[p]
         gained = 0.0
         for s in range(last):
-            gained += moved(pose, swarm.biases[p], stages[s], False, key, p, 8 + 4 * s, model, pose)
+            gained += moved(pose, swarm.biases[p], stages[s], False, key, p, 8 + 4 * s, model, pose)[0]
         start = pose.copy()
-        gained += moved(pose, swarm.biases[p], stages[last], bumper != 0, key, p, 8 + 4 * last, model, pose)
+        plus, is_dragged = moved(pose, swarm.biases[p], stages[last], bumper != 0, key, p, 8 + 4 * last, model, pose)
+        gained += plus
         chord_pieces(start, pose, swarm.pieces[p], n_bumps * PIECES, model, ahead)
         gained += believe(swarm, p, pose, n_bumps, bumper, key, model)
         swarm.log_weights[p] += gained
         swarm.scores[p] += gained
         chosen = swarm.felt[p, n_bumps]
         if bumper != 0 and chosen >= 0:
-            square_up(pose, swarm.lines[p, chosen], key, p, model)
+            square_up(pose, swarm.lines[p, chosen], model.drag_turn if is_dragged else model.flat, key, p, model)
         swarm.poses[p] = pose
         for axis in range(3):
             swarm.begun[p, n_bumps, axis] = start[axis]

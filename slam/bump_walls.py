@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -32,25 +33,37 @@ def walls_of(lines: np.ndarray, bridge: float = BRIDGE) -> list[np.ndarray]:
     corners = corners_of(ends, bridge)
     for (i, end), (j, other), point in corners:
         ends[i, end] = ends[j, other] = point
+    curves = []
+    for chain in chains_of(len(ends), corners):
+        points = [ends[i, end] for i, end in chain[:1]]
+        points += [ends[i, 1 - end] for i, end in chain]
+        curves.append(np.array(points))
+    return curves
+
+
+def chains_of(
+    n: int, corners: Sequence[tuple[tuple[int, int], tuple[int, int], np.ndarray]]
+) -> list[list[tuple[int, int]]]:
+    """Chains of n stretches that corners link: each one's number, and the end at which a walk along it begins."""
     links = {}
     for one, two, _ in corners:
         links[one], links[two] = two, one
-    free = [(i, end) for i in range(len(ends)) for end in (0, 1) if (i, end) not in links]
-    starts = [*free, *((i, 0) for i in range(len(ends)))]  # what has no free end is closed
-    curves, seen = [], set()
+    free = [(i, end) for i in range(n) for end in (0, 1) if (i, end) not in links]
+    starts = [*free, *((i, 0) for i in range(n))]  # what has no free end is closed
+    chains, seen = [], set()
     for start in starts:
         if start[0] in seen:
             continue
         i, end = start
-        points = [ends[i, end]]
+        chain = []
         while i not in seen:
             seen.add(i)
-            points.append(ends[i, 1 - end])
+            chain.append((i, end))
             if (i, 1 - end) not in links:
                 break
             i, end = links[(i, 1 - end)]
-        curves.append(np.array(points))
-    return curves
+        chains.append(chain)
+    return chains
 
 
 def corners_of(ends: np.ndarray, bridge: float) -> list[tuple[tuple[int, int], tuple[int, int], np.ndarray]]:

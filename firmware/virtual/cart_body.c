@@ -23,6 +23,7 @@
 #define BINDING 0.2           /* share of a force at the bar's end that its guides take, */
 #define STICKING_LEAST 0.75   /* and now and then, */
 #define STICKING_MOST 0.9    /* at most */
+#define HINGE_REST 1e-6       /* m at which the bar is back; its spring alone would take for ever */
 #define WALL_STIFFNESS 2e4    /* N/m */
 #define WALL_DAMPING 60.0     /* N s/m */
 #define RUBBER 0.8            /* friction of the bumper's tyres on a wall, */
@@ -290,7 +291,9 @@ static void give_way(struct cart_body *body, const struct push *push, double sec
         body->binding = draw_binding(body);
     const double lost = body->binding * fabs(push->moment) / (0.5 * body->build.bumper_width);
     const double speed = (push->bar - lost - HINGE_STIFFNESS * body->hinge) / HINGE_DAMPING;
-    body->hinge = fmax(0.0, fmin(CART_TRAVEL, body->hinge + speed * seconds));
+    body->hinge = fmin(CART_TRAVEL, body->hinge + speed * seconds);
+    if (body->hinge < HINGE_REST)
+        body->hinge = 0.0;
 }
 
 static void step(struct cart_body *body, const double powers[2], double seconds, const struct near_walls *near)

@@ -19,6 +19,7 @@ def test_a_run_tells_errors_of_map_live_map_and_dead_reckoning():
     for name in ("error", "live_error"):
         assert 0.0 < record[name] < 1.0
     assert record["good"] == (record["error"] < 0.05)
+    assert not (record["missed"] if record["good"] else record["needless"])
     assert 0.0 < record["covered"] <= 1.0
     assert {**run(Case(15, params=BumpMapperParams(n_particles=300, n_islands=2)), 1), "bump_ms": 0, "refine_s": 0} == {
         **record, "bump_ms": 0, "refine_s": 0,

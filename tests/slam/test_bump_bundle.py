@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from slam.bump_bundle import BumpBundle, composed, covariances_of, motions_of
+from slam.bump_bundle import KINDS, BumpBundle, composed, covariances_of, motions_of
 from slam.bump_mapper import BumpMapperParams
 from slam.bump_refinement import legs_of
 from slam.bump_swarm import COLUMNS, PHI
@@ -84,13 +84,29 @@ def test_a_motion_is_its_stages_one_after_the_other():
 def test_covariances_are_symmetric_and_slips_are_the_larger_ones():
     stages, _ = run(AREAS["square"], 1, 5)
     legs, _ = legs_of(stages)
-    covariances = np.empty((3, len(legs.bounds) - 1, 3, 3))
+    covariances = np.empty((KINDS, len(legs.bounds) - 1, 3, 3))
     covariances_of(legs, MODEL, covariances)
     np.testing.assert_allclose(covariances, np.swapaxes(covariances, 2, 3), atol=1e-12)
     assert np.all(np.linalg.eigvalsh(covariances) > 0.0)
     is_drive = np.arange(len(legs.bounds) - 1) % 2 == 0
     assert np.all(covariances[1, is_drive, 2, 2] >= covariances[0, is_drive, 2, 2] + MODEL.slip_turn**2 - 1e-9)
     assert np.all(covariances[2, ~is_drive, 2, 2] > covariances[0, ~is_drive, 2, 2])
+    assert np.all(covariances[3, is_drive, 2, 2] >= covariances[0, is_drive, 2, 2] + MODEL.drag_turn**2 - 1e-9)
+    np.testing.assert_array_equal(covariances[3, ~is_drive], covariances[0, ~is_drive])
+
+
+def test_lines_that_are_held_stay_and_hold_the_poses():
+    stages, _ = run(AREAS["square"], 3, 12)
+    bundle, nodes, shared = bundle_of(3, 12)
+    lines = np.zeros((4, COLUMNS))
+    lines[:, PHI] = shared[2::2]
+    held = np.array([True, False, True, False])
+    there = BumpBundle(legs_of(stages)[0], bundle.felt, lines, MODEL, (0.03, 0.04), held)
+    before, _, _ = there.linearize(nodes, shared)
+    _, found, after = descend(there, nodes, shared, 15)
+    assert after < before
+    np.testing.assert_array_equal(found[[2, 3, 6, 7]], shared[[2, 3, 6, 7]])
+    assert np.all(found[[8, 9]] != shared[[8, 9]])
 
 
 def test_legs_are_drives_and_what_lies_between():

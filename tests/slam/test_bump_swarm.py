@@ -118,7 +118,7 @@ def test_motion_is_the_arc_with_noise_about_it():
     ends, weights = np.empty((4000, 3)), np.empty(4000)
     for p in range(len(ends)):
         weights[p] = math.exp(moved(np.zeros(3), np.zeros(2), np.array([TURN, -30.0, 30.0]), False,
-                                    vertex_key(1, 2), p, 8, MODEL, ends[p]))  # fmt: skip
+                                    vertex_key(1, 2), p, 8, MODEL, ends[p])[0])  # fmt: skip
     assert weights.mean() == pytest.approx(1.0, abs=0.05)
     turn = arc(-30, 30, CART)[2]
     usual = weights > 1.0
@@ -130,6 +130,29 @@ def test_motion_is_the_arc_with_noise_about_it():
               MODEL, ends[p])  # fmt: skip
     told = arc(500, 520, CART)
     assert ends[:, 2].mean() == pytest.approx(1.1 * told[2] + 0.2 * 510 * CART.tick, abs=0.01)
+
+
+def test_a_bump_that_is_not_felt_at_once_drags_the_cart():
+    """As many try it as shall, weights make up for it, and they went less far and turned more than was counted."""
+    n, stage = 4000, np.array([DRIVE, 500.0, 500.0])
+    ends, weights, dragged = np.empty((n, 3)), np.empty(n), np.empty(n, bool)
+    for p in range(n):
+        gained, dragged[p] = moved(np.zeros(3), np.zeros(2), stage, True, vertex_key(1, 2), p, 8, MODEL, ends[p])
+        weights[p] = math.exp(gained)
+    assert weights.mean() == pytest.approx(1.0, abs=0.05)
+    assert dragged.mean() == pytest.approx(MODEL.drag_tried, abs=0.03)
+    assert np.sum(weights[dragged]) / np.sum(weights) == pytest.approx(MODEL.drag_share, abs=0.02)
+    way = 500.0 * CART.tick
+    assert np.all(ends[dragged, 0] < way + 0.05)
+    assert np.mean(ends[dragged, 0] < way - 0.5 * MODEL.drag_distance) > 0.4
+    assert np.std(ends[dragged, 2]) == pytest.approx(MODEL.drag_turn, rel=0.1)
+    assert np.std(ends[~dragged, 2]) < 0.15
+    aside = (
+        ends[dragged, 1] * ends[dragged, 2]
+    )  # it slides to the side that the wall leads to, away from where it turns
+    assert np.mean(aside < 0.0) > 0.6
+    free = [moved(np.zeros(3), np.zeros(2), stage, False, vertex_key(1, 2), p, 8, MODEL, ends[p]) for p in range(200)]
+    assert free == [(0.0, False)] * 200
 
 
 def test_switches_tell_the_side_of_a_wall():
