@@ -47,6 +47,6 @@ class Loop:
         for effect in effects:
             if isinstance(effect, Keyframe):
                 self.path_filter.extend(effect.pose, effect.walls, effect.travelled)
-                self.fold.step(Estimate(effect.t, *self.path_filter.estimate()))
+                self.fold.step(Estimate(effect.t, **self.path_filter.estimate()._asdict()))
             else:
                 self.robot.write(self.session.encode(effect))

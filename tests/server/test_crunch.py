@@ -258,7 +258,7 @@ def test_a_snapshot_agrees_with_the_robot():
     for frame in keyframes(effects):
         path_filter.extend(frame.pose, frame.walls, frame.travelled)
     answer = path_filter.estimate()
-    robot.step(Estimate(body.t, *answer))
+    robot.step(Estimate(body.t, **answer._asdict()))
     robot.step(Goal(body.t, (4.0, 0.0)))
     robot.step(body.ranges("sonar", HALL))
     seen = robot.snapshot()
