@@ -262,10 +262,10 @@ def test_a_carried_cart_is_found_again():
 
 def test_others_overrule_a_place_that_is_sure_because_the_true_one_was_lost():
     wrong, untested = 0, 0
-    for seed in range(600, 612):
+    for seed in range(600, 624):
         stages, truth = run_cart(load_world("cut-rectangle"), seed, 12, build=CartBuild(drift="low"))
         for opinions in (0, 5):
-            params = BumpLocalizerParams(particles=150, children=1, opinions=opinions)
+            params = BumpLocalizerParams(particles=100, children=1, opinions=opinions)
             localizer = BumpLocalizer(area_in("cut-rectangle"), CART, params, seed)
             for stage, true in zip(stages, truth[1:], strict=True):
                 localizer.step(Stage(*stage))

@@ -67,7 +67,7 @@ def test_ten_carts_make_a_better_map_than_one(carts: Carts, whole: MergedMap):
     assert len(whole.left_out) <= 2
     error = error_of(whole, carts.truths)
     assert error < 0.5 * float(np.median(carts.alone)), (error, carts.alone)
-    assert error < 0.006
+    assert error < 0.015
 
 
 def test_the_map_lies_in_the_frame_of_the_reference(whole: MergedMap):
