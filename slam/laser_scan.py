@@ -17,8 +17,9 @@ from pydantic import Field
 from slam.params import Params
 from slam.walls import Walls
 
-NEIGHBOURS = 3  # on either side, at most, that tell a wall's direction,
-STRETCHES = 0.03, 0.08  # or all so near (m), and where these make no line, so near: ends of beams err by some 1 cm
+NEIGHBOURS = 3  # on either side, at most, that tell a wall's direction
+ERROR = 0.01  # m that ends err by; where so many neighbours lie within that,
+STRETCH = 0.08  # m of the wall on either side tell it
 APART = 4.0  # times that two beams part, and neighbouring ends may still be one wall
 FLATTEST = 0.1  # variance of a wall's ends across it, of that along it, at most
 
@@ -120,16 +121,15 @@ def scan_normals(points, ways, ranges, spacing, jump):
     n = points.shape[0]
     normals = np.zeros((n, 2))
     for i in range(n):
-        reach = max(jump, APART * spacing * ranges[i])
-        for stretch in STRETCHES:
-            first, end = one_wall(points, i, reach, stretch)
-            if end - first < 3:
-                break
-            x, y, flatness = line_through(points, first, end)
-            if flatness <= FLATTEST:
-                side = -1.0 if x * ways[i, 0] + y * ways[i, 1] > 0.0 else 1.0
-                normals[i, 0], normals[i, 1] = side * x, side * y
-                break
+        between = spacing * ranges[i]
+        first, end = one_wall(points, i, max(jump, APART * between), STRETCH if NEIGHBOURS * between < ERROR else 0.0)
+        if end - first < 3:
+            continue
+        x, y, flatness = line_through(points, first, end)
+        if flatness > FLATTEST:
+            continue
+        side = -1.0 if x * ways[i, 0] + y * ways[i, 1] > 0.0 else 1.0
+        normals[i, 0], normals[i, 1] = side * x, side * y
     return normals
 
 

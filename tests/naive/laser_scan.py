@@ -28,12 +28,12 @@ def scan_normals(points, ways, ranges, spacing, jump):
     """Normals (n, 2) against the beams; zeros where fewer than three points are one wall, or they are as wide."""
     normals = np.zeros((len(points), 2))
     for i, (way, distance) in enumerate(zip(ways, ranges, strict=True)):
-        for stretch in (0.03, 0.08):
-            wall = one_wall(points, i, max(jump, 4.0 * spacing * distance), stretch)
-            if len(wall) < 3:
-                continue
-            normal, flatness = line_through(wall)
-            if flatness <= 0.1:
-                normals[i] = -normal if normal @ way > 0.0 else normal
-                break
+        wall = one_wall(
+            points, i, max(jump, 4.0 * spacing * distance), 0.08 if 3.0 * spacing * distance < 0.01 else 0.0
+        )
+        if len(wall) < 3:
+            continue
+        normal, flatness = line_through(wall)
+        if flatness <= 0.1:
+            normals[i] = -normal if normal @ way > 0.0 else normal
     return normals

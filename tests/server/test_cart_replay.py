@@ -30,7 +30,7 @@ OUTPUTS = {"trajectory.tum", "map.pgm", "map.yaml", "map.png", "map.json", "path
 def run(tmp_path_factory):
     log = tmp_path_factory.mktemp("cart") / "run.rlog"
     made = CliRunner().invoke(
-        app, ["simulate", "--robot", "bumper_cart", "--world", "cut-rectangle", "--plan", "bump", "--duration", "200",
+        app, ["simulate", "--robot", "bumper_cart", "--world", "cut-rectangle", "--plan", "bump", "--duration", "400",
               "--seed", "2", "--drift", "low", "--out", str(log)],
     )  # fmt: skip
     assert made.exit_code == 0, made.output
@@ -89,7 +89,7 @@ def test_where_it_may_have_been_is_told_bump_by_bump(run, tmp_path):
 
 
 def test_without_a_map_it_makes_one_and_its_path_is_better_than_its_counters(run, tmp_path):
-    report = mapped(run, tmp_path, mapper={"n_particles": 3000})
+    report = mapped(run, tmp_path, mapper={"n_particles": 12_000})
     times, poses = read_tum(tmp_path / "trajectory.tum")
     true_times, truth = read_tum(run.with_name(run.name + ".truth.tum"))
     truth = truth[np.searchsorted(true_times, times).clip(0, len(truth) - 1)]
@@ -104,7 +104,7 @@ def test_without_a_map_it_makes_one_and_its_path_is_better_than_its_counters(run
     found = absolute_error(poses, truth).translation.rmse
     assert found < 0.5 * absolute_error(np.array(reckoned), truth).translation.rmse
     assert json.loads((tmp_path / "map.json").read_text())["walls"]
-    assert report.particles == 3000
+    assert report.particles == 12_000
     assert report.localization is None
     assert not (tmp_path / "clusters.csv").exists()
 
