@@ -19,6 +19,7 @@ from server.maps import swept_map
 from server.recorded import open_log
 from server.replay import Options, replay
 from server.robots.bumper_cart import BumperCart, BumperCartParams
+from slam.bump_mapper import BumpMapperParams
 from slam.evaluate import absolute_error
 from slam.pose import between
 
@@ -89,7 +90,7 @@ def test_where_it_may_have_been_is_told_bump_by_bump(run, tmp_path):
 
 
 def test_without_a_map_it_makes_one_and_its_path_is_better_than_its_counters(run, tmp_path):
-    report = mapped(run, tmp_path, mapper={"n_particles": 12_000})
+    report = mapped(run, tmp_path)
     times, poses = read_tum(tmp_path / "trajectory.tum")
     true_times, truth = read_tum(run.with_name(run.name + ".truth.tum"))
     truth = truth[np.searchsorted(true_times, times).clip(0, len(truth) - 1)]
@@ -104,7 +105,7 @@ def test_without_a_map_it_makes_one_and_its_path_is_better_than_its_counters(run
     found = absolute_error(poses, truth).translation.rmse
     assert found < 0.5 * absolute_error(np.array(reckoned), truth).translation.rmse
     assert json.loads((tmp_path / "map.json").read_text())["walls"]
-    assert report.particles == 12_000
+    assert report.particles == BumpMapperParams().n_particles
     assert report.localization is None
     assert not (tmp_path / "clusters.csv").exists()
 
