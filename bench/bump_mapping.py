@@ -27,8 +27,9 @@ from server.formats.neato import read_neato
 from server.formats.roomba import read_roomba
 from server.mapping import MazeMapper, with_sensors
 from server.replay import run_mapper
+from slam.bump_finding import Recording
 from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams, segments_of
-from slam.bump_merging import Recording, merge
+from slam.bump_merging import merge
 from slam.bump_walls import distances, map_error, points_on
 from slam.cart_odometry import LEFT, RIGHT, CartParams, Stage, bumper_points, bumps_of, raw_path
 from slam.evaluate import alignment

@@ -23,9 +23,10 @@ from server.maps import FloorMap, swept_map
 from server.recorded import open_log
 from server.report import describe_machine
 from server.robots.bumper_cart import BumperCartParams, Run, runs_of
+from slam.bump_finding import Recording
 from slam.bump_frames import BumpFrameParams
 from slam.bump_mapper import BumpMapper
-from slam.bump_merging import BumpMergingParams, MergedMap, Recording, merge
+from slam.bump_merging import BumpMergingParams, MergedMap, merge
 from slam.cart_odometry import DRIVE
 
 NAME = "bumper_cart"
@@ -96,7 +97,7 @@ def doubts(whole: MergedMap, names: Sequence[str]) -> list[str]:
     for cart in whole.left_out:
         if not np.isfinite(whole.excess[cart]):
             why = "it felt no wall twice"
-        elif whole.shares[cart] < merging.least_told:
+        elif whole.shares[cart] < merging.finding.least_told:
             why = f"{100 * whole.shares[cart]:.0f} % of its bumps are on walls of the map"
         else:
             why = f"the map explains its bumps {whole.excess[cart]:.1f} nats each worse than the others'"

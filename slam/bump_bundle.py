@@ -29,14 +29,12 @@ STRAY_SHARE = 5e-4  # of a bump's greatest likelihood at a wall, that a stray ha
 class Legs(NamedTuple):
     """Stages (s, 3) of kind and ticks; leg l between nodes l and l + 1 is stages `bounds[l]` to `bounds[l + 1]`.
 
-    Legs are drives and what lies between them, in turn; `slips_last` (legs,) tells which ended at a wall; of a leg that
-    `is_lifted` (legs,) nothing is known, for another cart's run begins behind it.
+    Legs are drives and what lies between them, in turn; `slips_last` (legs,) tells which ended at a wall.
     """
 
     stages: np.ndarray
     bounds: np.ndarray
     slips_last: np.ndarray
-    is_lifted: np.ndarray
 
 
 @njit(cache=True)
@@ -46,7 +44,7 @@ def composed(stages, biases, model, way_off, turn_off, at, out):
     for s in range(stages.shape[0]):
         left, right = model.tick * stages[s, 1], model.tick * stages[s, 2]
         way = 0.5 * (left + right)
-        turn = (right - left) / model.wheelbase * (1.0 + biases[0]) + biases[1] * way
+        turn = (right - left) / model.wheelbase * (1.0 + biases[0]) + (model.veer + biases[1]) * way
         if s == at:
             way += way_off
             turn += turn_off
@@ -213,7 +211,6 @@ class BumpBundle:
         covariances = np.empty((KINDS, n_legs, 3, 3))
         covariances_of(legs, model, covariances)
         self.precisions = np.linalg.inv(covariances)
-        self.precisions[:, legs.is_lifted] *= UNKNOWN
         shares = np.array([0.0, model.slip_share, model.stuck_share, model.drag_share])
         shares[0] = 1.0 - np.sum(shares)
         log_shares = np.log(shares)[:, None] + 0.5 * np.linalg.slogdet(self.precisions)[1]

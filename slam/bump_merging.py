@@ -3,8 +3,8 @@
 Maps of the few carts that explain their own bumps best are laid on each other; the largest set whose frames agree, also
 around loops of three (Mangelson et al., 2018, pairwise consistency), is the core, and wrong maps are outvoted. Every
 other cart is then found on the core's map by its run alone, so that its own map, which may be wrong, does not matter.
-At last all runs are refined as one, and what they felt besides becomes walls. Uses its siblings `bump_frames`,
-`bump_fleet`, `bump_mapper`, `bump_refinement`, `bump_swarm`, `bump_walls`, `cart_odometry` and `pose`.
+At last all runs are refined as one, and what they felt besides becomes walls. Uses its siblings `bump_finding`,
+`bump_frames`, `bump_fleet`, `bump_mapper`, `bump_refinement`, `bump_swarm`, `bump_walls`, `cart_odometry` and `pose`.
 """
 
 from __future__ import annotations
@@ -17,29 +17,23 @@ import numpy as np
 from pydantic import Field
 
 from slam.bump_bundle import STRAY_SHARE
+from slam.bump_finding import BumpFindingParams, Recording, found_on
 from slam.bump_fleet import Member, Track, descend_together, felt_extents, places_felt
 from slam.bump_frames import BumpFrameParams, agreed, frame_of
-from slam.bump_mapper import BumpMap, BumpMapper, BumpMapperParams
+from slam.bump_mapper import BumpMap, BumpMapperParams
 from slam.bump_refinement import BumpRefinementParams, Refined, alike, kept, tell
-from slam.bump_swarm import COLUMNS, COVARIANCE, HITS, PHI, VAR_BEYOND, VAR_PHI, X, Y, innovation
-from slam.bump_walls import LEAST_BUMPS, points_on, stretches, walls_of
-from slam.cart_odometry import CartParams, Stage, bumps_of, raw_path
+from slam.bump_swarm import COLUMNS, HITS, PHI, X, Y, innovation
+from slam.bump_walls import LEAST_BUMPS, points_on, walls_of
 from slam.params import Params
 from slam.pose import compose, inverse, transform
 
-STEEPEST_START = math.radians(75.0)  # off square that a cart's first bump may have been
 LEAST_BENT = 5  # contacts of each of two walls that were taken for one
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 class BumpMergingParams(Params):
     """How many carts vote, how the others are found on the map, and what becomes a wall."""
 
     core: int = Field(default=7, ge=1, le=12)  # maps at most that are laid on each other
-    particles: int = Field(default=2000, ge=1, le=200_000)  # that find a cart on the map
-    tries: int = Field(default=2, ge=1)  # each with three times as many
-    wall_doubt: float = Field(default=0.01, gt=0.0)  # m and rad by which the map's walls may be off then
-    least_told: float = Field(default=0.7, gt=0.0, le=1.0)  # of a cart's bumps that must be on walls of the map
     worse: float = Field(default=2.0, gt=0.0)  # nats a bump that it may cost there beyond what the core's carts do
     least_felt: float = Field(default=0.01, ge=0.0, le=1.0)  # of all bumps that make a wall
     reach: float = Field(default=0.1, gt=0.0)  # m by which a wall goes on beyond where it was felt, on average
@@ -47,21 +41,9 @@ class BumpMergingParams(Params):
     least_spread: float = Field(default=0.5, ge=0.0, le=1.0)  # of the carts that so many bumps would come from
     steps: int = Field(default=15, ge=1)  # of each descent
     rounds: int = Field(default=4, ge=1)  # of telling again which wall was met
+    finding: BumpFindingParams = Field(default_factory=BumpFindingParams)
     frames: BumpFrameParams = Field(default_factory=BumpFrameParams)
     refinement: BumpRefinementParams = Field(default_factory=BumpRefinementParams)
-
-
-class Recording(NamedTuple):
-    """A cart's run, its build, and what `BumpMapper.refine` made of it."""
-
-    stages: Sequence[Stage]
-    cart: CartParams
-    area: BumpMap
-
-    @property
-    def cost(self) -> float:
-        """In nats per bump, by which maps of unlike runs are compared."""
-        return self.area.cost / max(1, len(self.area.contacts))
 
 
 class Shape(NamedTuple):
@@ -132,12 +114,13 @@ def merge(recordings: Sequence[Recording], mapper: BumpMapperParams | None = Non
     spare = [np.zeros((0, COLUMNS))]
     for cart in carts:
         if cart not in found:
-            track, new = found_on(fleet.lines, recordings[cart], mapper, params)
+            track, new = found_on(fleet.lines, recordings[cart], mapper, params.finding)
             found[cart] = fitted(track, members[cart], fleet.lines, params)
             spare.append(new)
+    least = params.finding.least_told
     taken = [
         cart for cart in carts
-        if cart in first or (found[cart].share >= params.least_told and found[cart].cost - usual <= params.worse)
+        if cart in first or (found[cart].share >= least and found[cart].cost - usual <= params.worse)
     ]  # fmt: skip
     fleet = Fleet([members[cart] for cart in taken], [found[cart].track for cart in taken], fleet.lines)
     fleet = refined(fleet, np.concatenate(spare), params)
@@ -192,56 +175,6 @@ def moved_line(line: np.ndarray, pose: np.ndarray) -> np.ndarray:
     moved[[X, Y]] = transform(pose, line[[X, Y]])
     moved[PHI] = line[PHI] + pose[2]
     return moved
-
-
-def found_on(
-    lines: np.ndarray, recording: Recording, mapper: BumpMapperParams, params: BumpMergingParams
-) -> tuple[Track, np.ndarray]:
-    """Where a run was on a map of lines (m, 10), and the lines (k, 10) that it felt besides.
-
-    The mapper's own particles, which know the walls from the start and are anywhere at their first bump; the one that
-    explains the run best is told. Where it is told wrong, three times as many try again.
-    """
-    known = lines.copy()
-    known[:, [VAR_PHI, VAR_BEYOND]], known[:, COVARIANCE] = params.wall_doubt**2, 0.0
-    is_bump = recording.area.is_bump
-    track, new = Track(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(2)), lines[:0]
-    for n in params.particles * 3 ** np.arange(params.tries):
-        changed = {"n_particles": int(n), "n_islands": 1, "n_lines": min(120, len(lines) + mapper.n_lines)}
-        swarm = BumpMapper(recording.cart, mapper.model_copy(update=changed))
-        swarm.swarm.poses[:] = starts_anywhere(lines, recording, int(n))
-        swarm.swarm.lines[:, : len(lines)] = known
-        swarm.swarm.n_lines[:] = len(lines)
-        swarm.extend(recording.stages)
-        state = swarm.state(int(np.argmax(swarm.swarm.scores)))
-        track = Track(state.nodes, np.where(state.felt < len(lines), state.felt, -1), state.biases)
-        new = state.lines[len(lines) :]
-        if np.mean(track.felt[is_bump] >= 0) >= params.least_told:
-            break
-    return track, new
-
-
-def starts_anywhere(lines: np.ndarray, recording: Recording, n: int) -> np.ndarray:
-    """Poses (n, 3) at a run's start, from which it has its first bump anywhere along lines (m, 10), at any angle.
-
-    Places are even along the walls, angles an additive sequence (Weyl, of the golden ratio).
-    """
-    lines, cart = lines[lines[:, HITS] >= LEAST_BUMPS], recording.cart
-    ends = stretches(lines)
-    along = ends[:, 2:] - ends[:, :2]
-    reached = np.cumsum(np.hypot(*along.T) + 1e-9)
-    at = (np.arange(n) + 0.5) / n * reached[-1]
-    row = np.searchsorted(reached, at)
-    back = (reached[row] - at) / (np.hypot(*along.T) + 1e-9)[row]
-    off = STEEPEST_START * (2.0 * (np.arange(n) * GOLDEN % 1.0) - 1.0)
-    # the end of the bumper that is farther out touches
-    touching = np.column_stack([
-        np.full(n, cart.bumper_ahead), -0.5 * cart.bumper_width * np.where(off < 0.0, -1.0, 1.0), np.zeros(n)
-    ])  # fmt: skip
-    spots = ends[row, 2:] - back[:, None] * along[row]
-    poses = compose(np.column_stack([spots, lines[row, PHI] + off]), inverse(touching))
-    first = bumps_of(recording.stages)[0]
-    return compose(poses, inverse(raw_path(recording.stages[: first + 1], cart)[-1]))
 
 
 def fitted(track: Track, member: Member, lines: np.ndarray, params: BumpMergingParams) -> Place:

@@ -77,7 +77,7 @@ def legs_of(stages: Sequence[Stage]) -> tuple[Legs, np.ndarray]:
     is_drive = np.arange(len(bounds) - 1) % 2 == 0
     bumps = np.repeat(bumpers > 0, 2)[: len(bounds) - 1]
     table = np.array([stage[:3] for stage in stages], float).reshape(-1, 3)
-    return Legs(table, bounds, is_drive & bumps, np.zeros(len(bounds) - 1, bool)), bumpers
+    return Legs(table, bounds, is_drive & bumps), bumpers
 
 
 @njit(cache=True)

@@ -28,10 +28,10 @@ NEW, STRAY = -1, -2  # what a bump may be told of besides a known line
 class Swarm(NamedTuple):
     """State of n particles.
 
-    `poses` (n, 3); `biases` (n, 2): how much shorter the wheelbase is as a share, and rad turned per m driven; `lines`
-    (n, k, 10) of which `n_lines` (n,) are; `pieces` (n, 2 t, 4) float32, x1 y1 x2 y2 of the bumper's middle on t
-    drives; `begun` and `bumped` (n, t, 3) float32, the poses at their starts and ends; `felt` (n, t) int8, the line
-    that each bump was told of; `log_weights` (n,) since the last resampling and `scores` (n,) since the start.
+    `poses` (n, 3); `biases` (n, 2): how much shorter the wheelbase is as a share, and rad turned per m driven beyond
+    the veer; `lines` (n, k, 10) of which `n_lines` (n,) are; `pieces` (n, 2 t, 4) float32, x1 y1 x2 y2 of the bumper's
+    middle on t drives; `begun` and `bumped` (n, t, 3) float32, the poses at their starts and ends; `felt` (n, t) int8,
+    the line that each bump was told of; `log_weights` (n,) since the last resampling and `scores` (n,) since the start.
     """
 
     poses: np.ndarray
@@ -51,6 +51,7 @@ class Model(NamedTuple):
 
     wheelbase: float
     tick: float
+    veer: float  # rad/m that the cart turns when its counters say straight on, as far as that is known
     half_width: float
     ahead: float
     distance_noise: float
@@ -127,7 +128,7 @@ def moved(pose, biases, stage, at_wall, key, particle, stream, model, out):
             log_weight = math.log(model.stuck_share / model.stuck_tried)
         else:
             log_weight = math.log((1.0 - model.stuck_share) / (1.0 - model.stuck_tried))
-    turn += biases[1] * way + math.sqrt(swing) * gaussian_of(key, particle, stream)
+    turn += (model.veer + biases[1]) * way + math.sqrt(swing) * gaussian_of(key, particle, stream)
     way += math.sqrt(spread) * gaussian_of(key, particle, stream + 1)
     chord = way * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
     out[0] = pose[0] + chord * math.cos(pose[2] + 0.5 * turn)

@@ -45,7 +45,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "server.formats.sonar8", "server.formats.sparse", "server.formats.tum", "server.formats.wean",
         "server.link", "server.messages", "server.presets", "server.recording", "server.scip", "server.transport",
         "server.virtual_link", "server.words", "slam.bump_arcs", "slam.bump_bundle", "slam.bump_doubt",
-        "slam.bump_estimator", "slam.bump_fleet", "slam.bump_localizer",
+        "slam.bump_estimator", "slam.bump_finding", "slam.bump_fleet", "slam.bump_localizer",
         "slam.bump_mapper", "slam.bump_merging", "slam.bump_refinement", "slam.bump_survivors", "slam.bundle",
         "slam.bundled_islands", "slam.cart_calibration", "slam.fastslam", "slam.grid_filter", "slam.islands",
         "slam.local_search", "slam.path_filter", "slam.refined_filter", "slam.refined_grid_filter", "slam.refinement",

@@ -63,7 +63,7 @@ def unpacked(view, name):
 
 
 def test_a_map_that_looks_alike_is_seen_as_two_places_and_told_so():
-    _, seen = shown("rectangle", True)
+    _, seen = shown("rectangle", True, bumps=25)
     view, told = clusters_view(seen), whereabouts(seen)
     assert view is not None
     assert told is not None
@@ -72,7 +72,7 @@ def test_a_map_that_looks_alike_is_seen_as_two_places_and_told_so():
     np.testing.assert_allclose(compose(HALF_TURN, first)[:2], second[:2], atol=0.02)
     one, other = view.arrays["shares"][:2]
     assert one == pytest.approx(other, abs=0.01)
-    assert one + other > 0.6
+    assert one > 0.4
     assert seen.belief is not None
     for place, (xx, xy, yy) in zip(seen.belief.clusters, view.arrays["covariances"], strict=True):
         np.testing.assert_allclose(place.covariance[:2, :2], [[xx, xy], [xy, yy]], rtol=1e-5)

@@ -70,14 +70,15 @@ def test_derivatives_are_those_of_the_cost(seed):
             assert gradient[k, axis] == pytest.approx(slope, abs=5e-3 * (1.0 + abs(slope))), (k, axis)
 
 
-def test_a_motion_is_its_stages_one_after_the_other():
-    rng = np.random.default_rng(4)
+@pytest.mark.parametrize("veer", [0.0, 0.3])
+def test_a_motion_is_its_stages_one_after_the_other(veer):
+    rng, cart = np.random.default_rng(4), CART._replace(veer=veer)
     for _ in range(20):
         stages = rng.integers(-300, 300, (4, 3)).astype(float)
         biases = rng.normal(0.0, 0.05, 2)
         out = np.empty(3)
-        composed(stages, biases, MODEL, 0.0, 0.0, -1, out)
-        off = between(naive.composed(stages, biases, CART), out)
+        composed(stages, biases, MODEL._replace(veer=veer), 0.0, 0.0, -1, out)
+        off = between(naive.composed(stages, biases, cart), out)
         np.testing.assert_allclose(off, 0.0, atol=1e-9)
 
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from slam.bump_finding import Recording, starts_anywhere
 from slam.bump_mapper import BumpMapper, BumpMapperParams, segments_of
-from slam.bump_merging import BumpMergingParams, MergedMap, Recording, bend, merge, moved_line, starts_anywhere
+from slam.bump_merging import BumpMergingParams, MergedMap, bend, merge, moved_line
 from slam.bump_swarm import PHI, innovation
 from slam.bump_walls import map_error, points_on, stretches
 from slam.cart_odometry import CartParams, bumps_of, raw_path
@@ -22,7 +23,7 @@ MERGING = BumpMergingParams()
 
 
 CUT = AREAS["cut rectangle"]
-MAPPER = BumpMapperParams(n_particles=1500, n_islands=2)
+MAPPER = BumpMapperParams(n_particles=1500, n_islands=2, drag_share=1e-3, drag_tried=1e-3)  # which this world has not
 N_CARTS = 10
 
 
@@ -67,7 +68,7 @@ def test_ten_carts_make_a_better_map_than_one(carts: Carts, whole: MergedMap):
     assert len(whole.left_out) <= 2
     error = error_of(whole, carts.truths)
     assert error < 0.5 * float(np.median(carts.alone)), (error, carts.alone)
-    assert error < 0.015
+    assert error < 0.006
 
 
 def test_the_map_lies_in_the_frame_of_the_reference(whole: MergedMap):

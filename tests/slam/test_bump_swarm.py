@@ -125,11 +125,12 @@ def test_motion_is_the_arc_with_noise_about_it():
     assert np.mean(usual) == pytest.approx(1.0 - MODEL.stuck_tried, abs=0.03)
     assert ends[usual, 2].mean() == pytest.approx(turn, abs=0.01)
     assert ends[~usual, 2].mean() == pytest.approx(0.5 * turn, abs=0.07)
-    for p in range(len(ends)):
-        moved(np.zeros(3), np.array([0.1, 0.2]), np.array([DRIVE, 500.0, 520.0]), False, vertex_key(1, 2), p, 8,
-              MODEL, ends[p])  # fmt: skip
     told = arc(500, 520, CART)
-    assert ends[:, 2].mean() == pytest.approx(1.1 * told[2] + 0.2 * 510 * CART.tick, abs=0.01)
+    for veer in (0.0, -0.3):
+        for p in range(len(ends)):
+            moved(np.zeros(3), np.array([0.1, 0.2]), np.array([DRIVE, 500.0, 520.0]), False, vertex_key(1, 2), p, 8,
+                  MODEL._replace(veer=veer), ends[p])  # fmt: skip
+        assert ends[:, 2].mean() == pytest.approx(1.1 * told[2] + (0.2 + veer) * 510 * CART.tick, abs=0.01)
 
 
 def test_a_bump_that_is_not_felt_at_once_drags_the_cart():

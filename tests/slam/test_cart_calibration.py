@@ -46,7 +46,7 @@ def run_of(true, seed, bumps=100):
 
 def test_a_camera_tells_wheelbase_and_noise_and_how_sure_they_are():
     off, held = [], []
-    for seed in range(4):
+    for seed in range(6):
         stages, path = run_of(TRUE, seed)
         found = learn_from_camera([stages], [path], CartParams())
         names = ("wheelbase", "distance_noise", "turn_noise", "rotation_noise")
@@ -59,15 +59,15 @@ def test_a_camera_tells_wheelbase_and_noise_and_how_sure_they_are():
         assert found.gain > 0.0
     median = np.median(off, axis=0)
     assert median[0] < 0.01
-    assert np.all(median[1:] < 0.25)  # a noise is told to a tenth by a hundred stages
+    assert np.all(median[1:] < 0.15)  # a noise is told to a tenth by a hundred stages
     assert np.mean(held) > 0.7
 
 
 def test_more_runs_tell_more():
-    runs = [run_of(TRUE, seed, 40) for seed in range(3)]
+    runs = [run_of(TRUE, seed, 40) for seed in range(4)]
     one = learn_from_camera([runs[0][0]], [runs[0][1]], CartParams())
     all_ = learn_from_camera([stages for stages, _ in runs], [path for _, path in runs], CartParams())
-    assert np.ptp(all_.intervals[0]) < 0.8 * np.ptp(one.intervals[0])
+    assert np.ptp(all_.intervals[0]) < 0.7 * np.ptp(one.intervals[0])
 
 
 def test_the_virtual_carts_wheelbase_is_found_from_above():
@@ -110,7 +110,7 @@ def test_a_bump_on_the_map_is_as_likely_as_its_gaussian():
     variance += by_ticks + 4.0 * by_ticks / 0.064**2 * half**2  # both ends of the stage, of two counters
     density = math.exp(-0.5 * off**2 / variance) / math.sqrt(2.0 * math.pi * variance)
     expected = -math.log(tick * (0.97 * density + 0.03))
-    assert cost == pytest.approx(expected, abs=2e-2)
+    assert cost == pytest.approx(expected, abs=1e-3)
 
 
 def test_corners_that_point_into_the_floor_are_found():
