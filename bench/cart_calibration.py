@@ -18,19 +18,19 @@ import numpy as np
 from scipy.optimize import minimize
 
 from bench.benchmark import Bench, Column, Record, Row, each, figures, middle, runs, share
-from firmware.virtual.bumper_cart import CartBuild, VirtualCart, run_cart
+from firmware.virtual.bumper_cart import LONGEST_MS, VirtualCart, run_cart
+from firmware.virtual.cart_board import HostCart
 from firmware.virtual.polygons import closed_outlines
 from firmware.virtual.worlds import load_world
 from slam.area import area_of
 from slam.cart_calibration import learn_from_camera, learn_from_map
-from slam.cart_odometry import BACK, DRIVE, TURN, CartParams, Stage
+from slam.cart_odometry import DRIVE, TURN, CartParams, Stage, grown
 from slam.pose import between, wrap
 
 ROOMS = ("cut-rectangle", "polygon:101", "polygon:103", "polygon:104", "polygon:106")
-FIRST = 7000  # seeds from here; those from `OTHERS` tell what is true
+FIRST = 72_000  # seeds from here; those from `OTHERS` tell what is true
 OTHERS, N_OTHERS = 50_000, 30
 CAMERA = np.array([0.002, 0.002, 0.01])  # m, m, rad
-SLIPPED = 4.0  # sigmas beyond which a stage's error is a slip's
 NOISES = ("distance_noise", "turn_noise", "rotation_noise")
 BUILT = ("tick", "bumper_width", "bumper_ahead")
 
@@ -59,65 +59,88 @@ class Truth(NamedTuple):
     seems: float
 
 
-class Errors(NamedTuple):
-    """What odometry erred by in stages (n,): `off` of the motion, its way in m, its turn in rad."""
+class Motions(NamedTuple):
+    """Of stages (n,) of one cart: kind, whether it ended at a wall, way (m) and turn (rad) that its tyres rolled.
 
-    off: np.ndarray
+    `way_off` (m) and `turn_off` (rad) are what it went and turned beyond that; `wheelbase` in m is its own.
+    """
+
+    kind: np.ndarray
+    is_bump: np.ndarray
     way: np.ndarray
     turn: np.ndarray
+    way_off: np.ndarray
+    turn_off: np.ndarray
+    wheelbase: np.ndarray
+
+
+def motions(seed: int) -> Motions:
+    """One cart's, by what only its simulator knows: how far its tyres have rolled, which no counter cuts off."""
+    cart = VirtualCart(load_world(ROOMS[seed % len(ROOMS)]), seed=seed)
+    board, rows = cart.board, []
+    assert isinstance(board, HostCart)
+    board.order(100, (2 * seed + 1) & 0xFFFF, 0)
+    before, rolled = cart.pose, rims(cart)
+    while board.is_running and (stage := board.next_stage(LONGEST_MS)):
+        left, right = rims(cart) - rolled
+        way, turn = 0.5 * (left + right), (right - left) / cart.build.wheelbase
+        moved = between(before, cart.pose)
+        turn_off = float(wrap(moved[2] - turn))
+        went = np.hypot(moved[0], moved[1]) / np.sinc((turn + turn_off) / (2.0 * math.pi))
+        is_bump = stage.kind == DRIVE and stage.bumper > 0
+        rows.append((stage.kind, is_bump, way, turn, math.copysign(went, way) - way, turn_off, cart.build.wheelbase))
+        before, rolled = cart.pose, rims(cart)
+    return Motions(*np.array(rows, float).T)
+
+
+def rims(cart: VirtualCart) -> np.ndarray:
+    """m (2,) of floor that both tyres have rolled."""
+    return np.array([wheel.way * wheel.scale for wheel in cart.board.body.wheels])
 
 
 @functools.cache
 def truth() -> Truth:
-    """Measured on carts of other seeds."""
-    turns, drives, ways, seems = [], [], [], []
-    for seed in range(OTHERS, OTHERS + N_OTHERS):
-        world = load_world(ROOMS[seed % len(ROOMS)])
-        stages, poses = run_cart(world, seed, 100)
-        wheelbase, tick = VirtualCart(world, seed=seed).build.wheelbase, CartBuild().tick
-        table, moved = np.array(stages, float), between(poses[:-1], poses[1:])
-        way, turn = 0.5 * tick * (table[:, 1] + table[:, 2]), tick * (table[:, 2] - table[:, 1]) / wheelbase
-        off = wrap(moved[:, 2] - turn)
-        of = {kind: table[:, 0] == kind for kind in (DRIVE, BACK, TURN)}
-        kept = of[TURN] & (np.abs(off) < SLIPPED * 0.04)
-        fit = np.polyfit(np.abs(turn[kept]), off[kept] * np.sign(turn[kept]), 1)  # play, and what scrubs
-        seems.append(-fit[0])
-        turns.append(
-            Errors(off[kept] - np.polyval(fit, np.abs(turn[kept])) * np.sign(turn[kept]), way[kept], turn[kept])
-        )
-        kept = of[DRIVE] & (np.abs(off) < SLIPPED * 0.06)
-        veer = np.sum(off[kept] * way[kept]) / np.sum(way[kept] ** 2)
-        drives.append(Errors(off[kept] - veer * way[kept], way[kept], turn[kept]))
-        whole = turn + off
-        went = np.hypot(moved[:, 0], moved[:, 1]) / np.sinc(whole / (2.0 * math.pi))
-        kept = of[DRIVE] & (np.abs(way - went - 0.002) < 0.01)
-        fit = np.polyfit(way[kept], (way - went)[kept], 1)  # the tick's own share, and what wheels go on at a bump
-        ways.append(Errors((way - went)[kept] - np.polyval(fit, way[kept]), way[kept], turn[kept]))
-    tick, wheelbase = CartBuild().tick, CartBuild().wheelbase
-    ticks_of_way, ticks_of_turn = tick**2 / 12.0, tick**2 / (3.0 * wheelbase**2)
-    of_turn, of_rotation = noises(turns + drives, ticks_of_turn)
-    (of_way,) = noises(ways, ticks_of_way, is_way=True)
-    return Truth(of_way, of_turn, of_rotation, float(np.mean(seems)))
+    """Measured on carts of other seeds, by the likeliest values of the law that `slam.cart_odometry` has.
+
+    What errs always alike is fitted beside it: a turn's share and play, a drive's veer, and what a bump itself takes
+    of the way. A share of the stages errs by anything at all.
+    """
+    found = [motions(seed) for seed in range(OTHERS, OTHERS + N_OTHERS)]
+    all_of = Motions(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    is_turn, is_drive, side = all_of.kind == TURN, all_of.kind == DRIVE, np.sign(all_of.turn)
+    rotated = grown_all(0.5 * all_of.wheelbase * np.abs(all_of.turn)) / (0.5 * all_of.wheelbase)
+    ways = grown_all(np.abs(all_of.way))
+    alike = np.column_stack([is_turn * all_of.turn, is_turn * side, is_drive * all_of.way])
+    (of_turn, of_rotation, _), shares = law(
+        all_of.turn_off, alike, np.column_stack([ways, rotated, all_of.is_bump]), 0.3
+    )
+    kept = ~is_turn  # on the spot nothing is left of a way
+    alike = np.column_stack([all_of.is_bump, all_of.way])[kept]
+    (of_way, _), _ = law(all_of.way_off[kept], alike, np.column_stack([ways, all_of.is_bump])[kept], 0.05)
+    return Truth(of_way, of_turn, of_rotation, -shares[0])
 
 
-def noises(errors: list[Errors], ticks: float, is_way: bool = False) -> np.ndarray:
-    """Noise per root metre, and per rad (the latter not of ways), by maximum likelihood without what slipped."""
-    off, way, turn = (np.concatenate(parts) for parts in zip(*errors, strict=True))
+def grown_all(ways: np.ndarray) -> np.ndarray:
+    """`slam.cart_odometry.grown` of ways (n,)."""
+    return np.array([grown(way, CartParams().slip_length) for way in ways])
 
-    def variances(logs: np.ndarray) -> np.ndarray:
-        found = math.exp(2.0 * logs[0]) * np.abs(way) + ticks
-        return found if is_way else found + math.exp(2.0 * logs[1]) * turn**2
 
-    kept, logs = np.ones(len(off), bool), np.log([0.003] if is_way else [0.05, 0.02])
-    for _ in range(5):
+def law(off: np.ndarray, alike: np.ndarray, grows: np.ndarray, wild: float) -> tuple[np.ndarray, np.ndarray]:
+    """Likeliest noises (k,), whose squares multiply what grows (n, k), and shares (m,) of what is `alike` (n, m).
 
-        def cost(logs: np.ndarray, kept: np.ndarray = kept) -> float:
-            spread = variances(logs)[kept]
-            return 0.5 * float(np.sum(off[kept] ** 2 / spread + np.log(spread)))
+    Errors are normal, or with a share of their own as large as `wild`, one sigma.
+    """
+    k = grows.shape[1]
 
-        logs = minimize(cost, logs, method="Nelder-Mead").x
-        kept = np.abs(off) < SLIPPED * np.sqrt(variances(logs))
-    return np.exp(logs)
+    def cost(some: np.ndarray) -> float:
+        variances = grows @ np.exp(2.0 * some[:k]) + 1e-9
+        rest, share = off - alike @ some[k + 1 :], 1.0 / (1.0 + math.exp(-some[k]))
+        usual = (1.0 - share) * np.exp(-0.5 * rest**2 / variances) / np.sqrt(variances)
+        return -float(np.sum(np.log(usual + share * np.exp(-0.5 * (rest / wild) ** 2) / wild + 1e-300)))
+
+    first = np.concatenate([np.full(k, math.log(0.02)), [-3.0], np.zeros(alike.shape[1])])
+    found = minimize(cost, first, method="Powell", options={"maxiter": 50_000, "xtol": 1e-6, "ftol": 1e-10}).x
+    return np.exp(found[:k]), found[k + 1 :]
 
 
 def run(case: Case, seed: int) -> Record:

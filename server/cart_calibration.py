@@ -29,7 +29,7 @@ NAME = "bumper_cart"
 BUILT = ("wheelbase", "tick", "bumper_width", "bumper_ahead", "veer", "distance_noise", "turn_noise", "rotation_noise")
 UNITS = {
     "wheelbase": "m", "tick": "m", "bumper_width": "m", "bumper_ahead": "m", "tolerance": "m", "play": "ticks",
-    "distance_noise": "m per root metre", "turn_noise": "rad per root metre", "rotation_noise": "rad per rad",
+    "distance_noise": "m per root metre", "turn_noise": "rad per root metre", "rotation_noise": "rad per root rad",
     "veer": "rad per m", "overrun": "m",
 }  # fmt: skip
 UNTOLD = 0.7  # share of the doubt beforehand that is left of what the logs do not tell

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from slam.bump_swarm import Model, support
-from slam.cart_odometry import TURN
+from slam.cart_odometry import TURN, turn_variance, way_variance
 from slam.pose_graph import Border, Terms, relative_jacobians
 
 NUDGE = 1e-5  # m or rad by which derivatives are found
@@ -87,9 +87,8 @@ def covariances_of(legs, model, covariances):
             composed(part, none, model, 0.0, NUDGE, s, moved)
             jacobian[:, 1] = (moved - base) / NUDGE
             for kind in range(KINDS):
-                by_way = model.distance_noise**2 * abs(way) + blur**2
-                by_turn = (model.rotation_noise * turn) ** 2 + model.turn_noise**2 * abs(way)
-                by_turn += 2.0 * (blur / model.wheelbase) ** 2
+                by_way = way_variance(way, model) + blur**2
+                by_turn = turn_variance(way, turn, model) + 2.0 * (blur / model.wheelbase) ** 2
                 if kind == 2 and part[s, 0] == TURN:
                     by_way += model.slip_distance**2
                     by_turn += turn * turn / 3.0  # of what is evenly between nothing and all of it

@@ -19,7 +19,7 @@ from pydantic import Field
 from slam.area import Area, symmetries
 from slam.bump_ancestry import NOBODY, Ancestry
 from slam.bump_particles import Leg, Touch, drive_free, drive_to_wall, move, start_anywhere
-from slam.cart_odometry import DRIVE, CartParams, Stage
+from slam.cart_odometry import DRIVE, CartParams, Stage, turn_variance, way_variance
 from slam.counter_random import bits, uniform, vertex_key
 from slam.motion import draw_biases
 from slam.params import Params
@@ -137,9 +137,8 @@ class BumpLocalizer:
         turn = cart.tick * (stage.right - stage.left) / cart.wheelbase + cart.veer * way
         ticks = cart.tick / math.sqrt(12.0)  # of the mean of two counters; their difference has twice it
         wall = self.params.tolerance if stage.bumper else 0.0
-        way_sigma = math.hypot(cart.distance_noise * math.sqrt(abs(way)), ticks, wall)
-        drift = cart.turn_noise * math.sqrt(abs(way))
-        turn_sigma = math.hypot(drift, cart.rotation_noise * turn, 2.0 * ticks / cart.wheelbase)
+        way_sigma = math.hypot(math.sqrt(way_variance(way, cart)), ticks, wall)
+        turn_sigma = math.hypot(math.sqrt(turn_variance(way, turn, cart)), 2.0 * ticks / cart.wheelbase)
         return Leg(way, turn, way_sigma, turn_sigma, stage.bumper if cart.switches == 3 else 0)
 
     def bump(self, leg: Leg) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from slam.area import Area, clearance
 from slam.bumps import in_bump_space
-from slam.cart_odometry import DRIVE, CartParams, Stage, arc
+from slam.cart_odometry import DRIVE, CartParams, Stage, arc, turn_variance, way_variance
 from slam.pose import compose
 from slam.pose_clusters import Cluster, clusters
 
@@ -73,9 +73,9 @@ def poses_on_floor(area: Area, n: int, rng: np.random.Generator) -> np.ndarray:
 
 def noise_of(stage: Stage, change: np.ndarray, cart: CartParams) -> np.ndarray:
     """Standard deviations (3,) of a stage's forward, lateral and heading errors; a bump's slips are in them."""
-    way = abs(0.5 * cart.tick * (stage.left + stage.right))
+    way = 0.5 * cart.tick * (stage.left + stage.right)
     slip = math.sqrt(cart.slip_share) if stage.kind == DRIVE and stage.bumper else 0.0
-    distance = math.hypot(cart.distance_noise * math.sqrt(way), slip * math.sqrt(2.0) * cart.slip_distance)
-    heading = math.hypot(cart.turn_noise * math.sqrt(way), cart.rotation_noise * abs(change[2]))
-    sideways = math.hypot(0.5 * heading * way, distance)
+    distance = math.hypot(math.sqrt(way_variance(way, cart)), slip * math.sqrt(2.0) * cart.slip_distance)
+    heading = math.sqrt(turn_variance(way, change[2], cart))
+    sideways = math.hypot(0.5 * heading * abs(way), distance)
     return np.array([distance, sideways, math.hypot(heading, slip * cart.slip_turn)])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from slam.cart_odometry import TURN
+from slam.cart_odometry import TURN, turn_variance, way_variance
 from slam.counter_random import gaussian_of, nth_output, vertex_key
 
 # columns of a line: anchor, outward direction and how far beyond the anchor, their covariance, felt from where to where
@@ -57,6 +57,7 @@ class Model(NamedTuple):
     distance_noise: float
     turn_noise: float
     rotation_noise: float
+    slip_length: float
     slip_share: float
     slip_distance: float
     slip_turn: float
@@ -103,9 +104,8 @@ def moved(pose, biases, stage, at_wall, key, particle, stream, model, out):
     way = 0.5 * (left + right)
     turn = (right - left) / model.wheelbase * (1.0 + biases[0])
     blur = 0.4 * model.tick  # of counts of whole ticks
-    noise = model.rotation_noise * turn
-    swing = noise * noise + model.turn_noise**2 * abs(way) + 2.0 * (blur / model.wheelbase) ** 2
-    spread = model.distance_noise**2 * abs(way) + blur * blur
+    swing = turn_variance(way, turn, model) + 2.0 * (blur / model.wheelbase) ** 2
+    spread = way_variance(way, model) + blur * blur
     if at_wall:
         how = uniform_of(key, particle, stream + 2)
         beyond = -math.log(1.0 - uniform_of(key, particle, stream + 3))

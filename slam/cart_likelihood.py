@@ -16,9 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from slam.cart_odometry import Noise, turn_variance, way_variance
+
 NAMES = (
     "wheelbase", "tick", "distance_noise", "turn_noise", "rotation_noise", "veer", "play", "bumper_width",
     "bumper_ahead", "tolerance", "slip_share", "slip_distance", "camera_place", "camera_turn", "overrun",
+    "slip_length",
 )  # fmt: skip
 FRAME, OWN = 5, 5  # states of the cart itself: its pose, and what both counters keep to themselves (m)
 MOST = 16  # hypotheses that go on from a bump,
@@ -28,7 +31,8 @@ PALE = 0.05  # and where a camera has made them much the same
 STEEPEST = 0.1  # cosine of the angle to a wall's normal from which it may be met
 SOFT = 0.01  # m over which walls end
 AWRY = 0.02  # rad: headings are never surer than this when it is asked which end of the bumper met
-SIDEWAYS = 0.0005  # m that a stage errs sideways
+SIDEWAYS = 0.0005  # m that a stage errs sideways,
+BUMP_WAY, BUMP_TURN = 0.0005, 0.005  # m and rad that an ordinary bump adds to it: walls are met at all angles
 ANEW = 0.03  # share of bumps of which nothing is believed,
 EVENLY = 1.0  # per m
 WILD = np.array([0.05, 0.005])  # shares of stages that go wrong, and altogether,
@@ -93,8 +97,12 @@ def roll(mean, covariance, stage, values, wildness):
         for c in range(3):
             covariance[r, c] += across[c] * heading - by_left[c] * of_left - by_right[c] * of_right
         covariance[r, 3] = covariance[r, 4] = 0.0
-    of_way = distance_noise**2 * abs(way) + WILD_WAY[wildness] ** 2
-    of_turn = turn_noise**2 * abs(way) + rotation_noise**2 * turn * turn + WILD_TURN[wildness] ** 2
+    noise = Noise(wheelbase, distance_noise, turn_noise, rotation_noise, values[15])
+    of_way = way_variance(way, noise) + WILD_WAY[wildness] ** 2
+    of_turn = turn_variance(way, turn, noise) + WILD_TURN[wildness] ** 2
+    if stage[IS_BUMP] > 0.0:
+        of_way += BUMP_WAY**2
+        of_turn += BUMP_TURN**2
     ticks = tick * tick / 12.0
     for r in range(3):
         for c in range(3):
@@ -291,7 +299,7 @@ def look(mean, covariance, seen, values, has_frame):
 
 @njit(cache=True)
 def run_costs(values, evidence):
-    """Less the log likelihood of each stage (n,) of a run, an `Evidence`, with `values` (15,) of `NAMES`."""
+    """Less the log likelihood of each stage (n,) of a run, an `Evidence`, with `values` (16,) of `NAMES`."""
     d = evidence.state.size
     means, covariances, weights = np.zeros((3 * MOST, d)), np.zeros((3 * MOST, d, d)), np.zeros(3 * MOST)
     means[0], covariances[0], weights[0] = evidence.state, evidence.covariance, 1.0

@@ -7,10 +7,12 @@ slip and what a wall does to the heading, is for `slam.bump_localizer`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from slam.pose import compose
 
@@ -31,10 +33,21 @@ class Stage(NamedTuple):
     bumper: int = 0
 
 
+class Noise(NamedTuple):
+    """Of `CartParams`, what its errors grow by."""
+
+    wheelbase: float
+    distance_noise: float
+    turn_noise: float
+    rotation_noise: float
+    slip_length: float
+
+
 class CartParams(NamedTuple):
     """A cart's build in m, and the standard deviations of its odometry's errors.
 
-    Errors that grow do so with the root of the way, as sums of independent ones do; ticks add their own quantization.
+    Errors that grow do so with the root of the way, as sums of independent ones do, once it is longer than tyres slip
+    alike (`grown`); ticks add their own quantization.
     A share of the bumps ends with large errors besides. Tick and bumper are the paper's, whose wheelbase "was difficult
     to determine" and whose bumper covers the robot's profile; sizes of errors are those of the virtual cart.
     """
@@ -44,8 +57,9 @@ class CartParams(NamedTuple):
     bumper_width: float = 3.0 * INCH
     bumper_ahead: float = 0.09  # from the middle of the axle to the bumper's middle
     distance_noise: float = 0.003  # m per root metre
-    turn_noise: float = 0.05  # rad per root metre
-    rotation_noise: float = 0.02  # rad per rad turned
+    turn_noise: float = 0.045  # rad per root metre
+    rotation_noise: float = 0.03  # rad per root rad turned
+    slip_length: float = 0.045  # m of a wheel's way over which it slips alike
     wheelbase_doubt: float = 0.02  # share of the wheelbase that it may be wrong by
     slip_share: float = 0.2  # of bumps that the wheels go on after
     slip_distance: float = 0.06  # m that they go on then, in the mean, at a wall they meet square; along a wall more
@@ -53,6 +67,38 @@ class CartParams(NamedTuple):
     flatten_distance: float = 0.15  # m of going on that make the cart stand square to the wall, in the mean
     switches: int = 1  # of the bumper: one for all of it, or three for its thirds
     veer: float = 0.0  # rad/m that it turns when its counters say straight on, as one wheel is larger than the other
+
+
+@njit(cache=True)
+def grown(way, length):
+    """A way (m, not negative) as a variance grows along it by errors that are alike over a `length` (m).
+
+    The variance of a first-order process's integral, as a share of what it grows by per metre in the end: way less
+    length for long ways, way^2 / (2 length) for short ones (Gelb, Applied Optimal Estimation, 1974, section 2.2).
+    """
+    if length <= 0.0:
+        return way
+    share = way / length
+    if share < 1e-4:  # what the two terms below differ by is lost in their digits
+        return 0.5 * share * way
+    return way + length * math.expm1(-share)
+
+
+@njit(cache=True)
+def turn_variance(way, turn, cart):
+    """Variance (rad^2) of the heading after a stage of a way (m) and a turn (rad), without ticks and slips.
+
+    `cart` is a `CartParams`, or else has the fields of `Noise`. On the spot a wheel goes half a wheelbase per rad.
+    """
+    half = 0.5 * cart.wheelbase
+    rotated = grown(half * abs(turn), cart.slip_length) / half
+    return cart.turn_noise**2 * grown(abs(way), cart.slip_length) + cart.rotation_noise**2 * rotated
+
+
+@njit(cache=True)
+def way_variance(way, cart):
+    """Variance (m^2) of a stage's way (m), likewise."""
+    return cart.distance_noise**2 * grown(abs(way), cart.slip_length)
 
 
 def arc(left: np.ndarray | int, right: np.ndarray | int, params: CartParams) -> np.ndarray:

@@ -66,7 +66,10 @@ class CartBuild(Params):
     veer: float = Field(default=BUILT.veer, ge=-1.0, le=1.0)  # rad/m that it turns when its counters say straight on
     distance_noise: float = Field(default=BUILT.distance_noise, gt=0.0, le=1.0)  # per root metre: its odometry's errors
     turn_noise: float = Field(default=BUILT.turn_noise, gt=0.0, le=3.0)  # rad per root metre
-    rotation_noise: float = Field(default=BUILT.rotation_noise, gt=0.0, le=1.0)  # rad per rad turned
+    rotation_noise: float = Field(default=BUILT.rotation_noise, gt=0.0, le=1.0)  # rad per root rad turned
+    slip_length: float = Field(
+        default=BUILT.slip_length, ge=0.0, le=1.0
+    )  # m of a wheel's way over which it slips alike
 
     @classmethod
     def of(cls, cart: CartParams) -> CartBuild:

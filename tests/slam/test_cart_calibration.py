@@ -13,7 +13,7 @@ from firmware.virtual.worlds import load_world
 from slam.area import area_of
 from slam.cart_calibration import frame_of, learn_from_camera, learn_from_map, lines_of, on_map, table_of
 from slam.cart_likelihood import NAMES, TOLD, run_costs
-from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage
+from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage, turn_variance, way_variance
 from slam.maximum_likelihood import Unknown, fitted
 from slam.pose import compose
 
@@ -30,8 +30,8 @@ def run_of(true, seed, bumps=100):
         turns += [rng.normal(0.0, 0.3), rng.normal(0.0, 0.04), rng.choice([-1, 1]) * rng.uniform(0.6, 3.0)]
         kinds += [DRIVE, BACK, TURN]
     ways, turns = np.array(ways), np.array(turns)
-    told_ways = ways + true.distance_noise * np.sqrt(np.abs(ways)) * rng.standard_normal(len(ways))
-    spread = np.hypot(true.turn_noise * np.sqrt(np.abs(ways)), true.rotation_noise * np.abs(turns))
+    told_ways = ways + np.sqrt([way_variance(way, true) for way in ways]) * rng.standard_normal(len(ways))
+    spread = np.sqrt([turn_variance(way, turn, true) for way, turn in zip(ways, turns, strict=True)])
     told_turns = turns + spread * rng.standard_normal(len(turns))
     half = 0.5 * true.wheelbase * told_turns
     counters = np.floor(np.cumsum(np.column_stack([told_ways - half, told_ways + half]), axis=0) / true.tick)

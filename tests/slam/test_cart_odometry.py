@@ -20,7 +20,10 @@ from slam.cart_odometry import (
     arcs,
     bumper_points,
     bumps_of,
+    grown,
     raw_path,
+    turn_variance,
+    way_variance,
 )
 from slam.pose import compose, inverse, wrap
 from tests.naive import cart_odometry as naive
@@ -100,3 +103,31 @@ def test_the_bumper_is_ahead_and_as_wide_as_told():
 def test_a_cart_without_a_size_is_refused(params):
     with pytest.raises(ValueError, match="positive"):
         arc(1, 1, params)
+
+
+def test_a_variance_grows_as_that_of_slip_that_lasts():
+    rng, step, length = np.random.default_rng(5), 0.002, 0.05
+    decay = math.exp(-step / length)
+    slip, off = rng.standard_normal(20_000), np.zeros(20_000)
+    ways, variances = [0.02, 0.05, 0.1, 0.3], []
+    for way in np.arange(1, 151) * step:
+        off += step * slip
+        slip = decay * slip + math.sqrt(1.0 - decay**2) * rng.standard_normal(len(slip))
+        if np.any(np.isclose(way, ways)):
+            variances.append(np.var(off) / (2.0 * length))  # of a slip of one, per metre in the end
+    np.testing.assert_allclose(variances, [grown(way, length) for way in ways], rtol=0.06)
+
+
+def test_a_variance_grows_as_the_way_where_slip_is_short_and_as_its_square_where_it_is_long():
+    assert grown(0.7, 0.0) == 0.7
+    np.testing.assert_allclose(grown(0.7, 1e-6), 0.7, rtol=1e-5)
+    np.testing.assert_allclose(grown(2e-4, 1.0), 0.5 * 4e-8, rtol=1e-3)
+    assert grown(0.0, 0.05) == 0.0
+
+
+@given(way=st.floats(-3.0, 3.0), turn=st.floats(-6.0, 6.0))
+def test_errors_are_the_same_both_ways_and_larger_for_more(way, turn):
+    variance = turn_variance(way, turn, PARAMS)
+    assert variance == turn_variance(-way, -turn, PARAMS) >= 0.0
+    assert turn_variance(2.0 * way, turn, PARAMS) >= variance <= turn_variance(way, 2.0 * turn, PARAMS)
+    assert 0.0 <= way_variance(way, PARAMS) <= PARAMS.distance_noise**2 * abs(way)
