@@ -23,7 +23,7 @@ from firmware.virtual.cart_board import HostCart
 from firmware.virtual.polygons import closed_outlines
 from firmware.virtual.worlds import load_world
 from slam.area import area_of
-from slam.cart_calibration import learn_from_camera, learn_from_map
+from slam.cart_calibration import learn_alone, learn_from_camera, learn_from_map
 from slam.cart_odometry import DRIVE, TURN, CartParams, Stage, grown
 from slam.pose import between, wrap
 
@@ -47,6 +47,7 @@ CASES = {
     "a camera": Case(False, True),
     "a map": Case(True, False),
     "both": Case(True, True),
+    "nothing": Case(False, False),
 }
 
 
@@ -156,6 +157,8 @@ def run(case: Case, seed: int) -> Record:
         if case.has_map:
             area = area_of(closed_outlines(world.segments, world.name))
             found = learn_from_map([stages], area, CartParams(), seed, [seen] if case.has_camera else None)
+        elif not case.has_camera:
+            found = learn_alone([stages], CartParams(), seed)
         else:
             found = learn_from_camera([stages], [seen], CartParams())
     except ValueError as error:

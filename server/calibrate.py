@@ -167,13 +167,14 @@ def cart(
     config: ConfigFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Learn a bumper cart's wheelbase, tick, bumper and noise, from runs on a known map or under a camera.
+    """Learn a bumper cart's wheelbase, tick, bumper and noise, from runs on a known map, under a camera, or alone.
 
     Prints each parameter's estimate with the interval that holds it with 90 %, and the settings for a file behind
-    --config. A map or a camera is needed: the counters alone tell neither the wheelbase nor the tick. The camera's
-    frame and clock may be its own.
+    --config. Without a map and a camera the cart's own map of its bumps tells all but the tick, which stays as it is
+    set. The camera's frame and clock may be its own.
 
     \b
+        crunch calibrate cart run.rlog
         crunch calibrate cart run.rlog --map room.toml
         crunch calibrate cart monday.rlog tuesday.rlog --map room.toml --output cart.toml
         crunch calibrate cart run.rlog --path run.rlog.truth.tum --plot paths.png

@@ -1,6 +1,7 @@
 """`crunch calibrate cart`: logs of one bumper cart in, its build and its noise out, with intervals and a picture.
 
-A known map, the path that a camera above saw, or both tell what the counters cannot. The camera's frame and clock are
+A known map, the path that a camera above saw, or both tell what the counters cannot; without them walls that are felt
+again tell all but the tick, which stays as it is. The camera's frame and clock are
 its own: the clock is set where the turns that it saw are the cart's. Each recording is folded into its runs' stages
 (its siblings `recorded` and `replay`, for logs and options); what they say of the cart is for `slam.cart_calibration`.
 """
@@ -20,7 +21,8 @@ from server.formats.tum import read_tum
 from server.recorded import open_log
 from server.replay import Options
 from server.robots.bumper_cart import Run, area_named, runs_of
-from slam.cart_calibration import learn_from_camera, learn_from_map
+from slam.bump_mapper import BumpMapperParams
+from slam.cart_calibration import learn_alone, learn_from_camera, learn_from_map
 from slam.cart_odometry import CartParams, Stage, arcs, bumps_of, raw_path
 from slam.maximum_likelihood import Learned
 from slam.pose import wrap
@@ -97,20 +99,20 @@ class CartCalibration(NamedTuple):
 def calibrate(
     paths: Sequence[Path], world: str | None, options: Options, cameras: Sequence[Path] = ()
 ) -> CartCalibration:
-    """Learn from logs of one cart on one map, or beside the paths of a camera, one for each log; UserError where not.
+    """Learn from logs of one cart on one map, beside the paths of a camera, one for each log, or alone; or UserError.
 
     `cameras` are TUM files.
     """
-    check(paths, world, cameras)
+    check(paths, cameras)
     area = area_named(world) if world is not None else None
     runs: list[list[Stage]] = []
     seen: list[np.ndarray] = []
     warnings: list[str] = []
-    present = CartParams()
+    present, mapper = CartParams(), BumpMapperParams()
     for place, path in enumerate(paths):
         log = open_log(path, None, None, NAME)
         params = config.load(options.flags, options.file, log.configuration, options.assignments).bumper_cart
-        present = params.build.params
+        present, mapper = params.build.params, params.mapper
         for run in runs_of(log.messages(None), params):
             runs.append(run.stages)
             if cameras:
@@ -119,7 +121,10 @@ def calibrate(
                 warnings.append(f"{path}: {run.truant} stages were lost; poses on both sides of them are not compared")
         warnings += log.warnings
     try:
-        if area is None:
+        if area is None and not cameras:
+            learned = learn_alone(runs, present, options.seed, mapper)
+            warnings.append(f"bumps alone tell no lengths: all are told for a tick of {present.tick:g} m, as it is set")
+        elif area is None:
             learned = learn_from_camera(runs, seen, present)
         else:
             learned = learn_from_map(runs, area, present, options.seed, seen or None)
@@ -129,13 +134,8 @@ def calibrate(
     return CartCalibration(learned, present, bumps, warnings, max(runs, key=len))
 
 
-def check(paths: Sequence[Path], world: str | None, cameras: Sequence[Path]) -> None:
+def check(paths: Sequence[Path], cameras: Sequence[Path]) -> None:
     """UserError where there is too little, or too much of the same."""
-    if world is None and not cameras:
-        raise UserError(
-            "counters and bumps alone tell no length: give the map where the cart drove (--map), or the path that a "
-            "camera saw (--path)"
-        )
     if cameras and len(cameras) != len(paths):
         raise UserError(f"{len(cameras)} camera's paths for {len(paths)} logs; give one --path for each log, in order")
     for place, path in enumerate(paths):

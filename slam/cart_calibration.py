@@ -1,9 +1,10 @@
 """What a cart's own runs say about it: wheelbase, tick, how badly its odometry errs, its bumper; maximum likelihood.
 
 Evidence are a known map, whose walls each bump must be at; the path that a camera above saw, in a frame of its own;
-or both. Without either no length is told at all. What is called noise is that of ordinary stages: large errors have
-components of their own, and what errs always the same way, a cart that veers and gears that have play, is told apart.
-Uses its sibling `bump_localizer`.
+or both. Without either the tick alone tells lengths, so that it must be known, and walls that are felt again tell the
+rest: they are mapped first, and where they are is found with all else. What is called noise is that of ordinary stages:
+large errors have components of their own, and what errs always the same way, a cart that veers and gears that have
+play, is told apart. Uses its siblings `bump_localizer` and `bump_mapper`.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ import numpy as np
 
 from slam.area import Area, is_inside
 from slam.bump_localizer import BumpLocalizer, BumpLocalizerParams
+from slam.bump_mapper import BumpMapper, BumpMapperParams
+from slam.bump_swarm import BEYOND, HIGH, HITS, LOW, PHI, X, Y
+from slam.bump_walls import LEAST_BUMPS
 from slam.cart_likelihood import NAMES, NO_CORNERS, OWN, TOLD, Evidence, run_costs
-from slam.cart_odometry import DRIVE, CartParams, Stage
+from slam.cart_odometry import DRIVE, CartParams, Stage, bumps_of
 from slam.maximum_likelihood import Learned, Unknown, fitted
 from slam.pose import transform, wrap
 
@@ -38,13 +42,16 @@ DOUBT = {
 VAGUE = 1.0  # and of those not named here: a factor of 2.7 either way
 LEAST_STAGES = 20  # below which nothing is learned,
 BLOCK = 15  # stages, five bumps, over which errors of the model hang together
-LEAST_BUMPS = 20  # with a sure place, likewise
+LEAST_PLACED = 20  # bumps with a sure place, likewise,
+LEAST_ALONE = 50  # and of runs without a map or a camera
 LIKELY = 0.5  # share of the heaviest cluster from which a cart that was localized once has a sure place
 CARRIED = 0.001  # probability before each bump that it was put elsewhere
 OFTEN = 0.8  # of the bumps of a cart whose bumper sticks
 LOOSE = 0.03  # share of the wheelbase that it may be wrong by while bumps are placed
 UNSURE = np.array([0.02, 0.02, 0.02])  # m, m, rad that a camera's frame may be off its first guess
 FAR = 10.0  # m: how much nothing is known of a pose
+UNFELT = 0.05  # m by which a wall that was mapped may go on beyond where it was felt
+OFF_WALL = np.array([0.1, 0.1])  # rad, m that one may be off beforehand: so much that what was mapped hardly counts
 
 
 def learn_from_camera(runs: Sequence[Sequence[Stage]], paths: Sequence[np.ndarray], guess: CartParams) -> Learned:
@@ -71,12 +78,26 @@ def learn_from_map(
     if paths is not None:
         check(runs, paths)
     places = [located(stages, area, guess, seed) for stages in runs]
-    if sum(int(np.sum(np.isfinite(told[:, 0]))) for told in places) < LEAST_BUMPS:
+    if sum(int(np.sum(np.isfinite(told[:, 0]))) for told in places) < LEAST_PLACED:
         raise ValueError("too few bumps have a sure place on the map; log longer runs, or check the map")
     seen = paths if paths is not None else [np.full((len(stages) + 1, 3), math.nan) for stages in runs]
     found = [on_map(stages, told, path, area) for stages, told, path in zip(runs, places, seen, strict=True)]
     names = ODOMETRY + BUMPER
     return learned(found, guess, names + CAMERA if paths is not None else names, (*ODOMETRY, *BUMPER[:3]))
+
+
+def learn_alone(
+    runs: Sequence[Sequence[Stage]], guess: CartParams, seed: int = 0, params: BumpMapperParams | None = None
+) -> Learned:
+    """What runs tell of their ratios to the tick, which stays as guessed, with no map but that of their own bumps.
+
+    ValueError where there are too few bumps, or a run's map is doubtful.
+    """
+    if sum(len(bumps_of(stages)) for stages in runs) < LEAST_ALONE:
+        raise ValueError(f"without a map or a camera it takes {LEAST_ALONE} bumps; log longer runs, or give the map")
+    found = [on_own_map(stages, guess, params or BumpMapperParams(), seed) for stages in runs if len(bumps_of(stages))]
+    names = [name for name in ODOMETRY + BUMPER if name != "tick"]
+    return learned(found, guess, names, (*(name for name in ODOMETRY if name != "tick"), "bumper_width"))
 
 
 def check(runs: Sequence[Sequence[Stage]], paths: Sequence[np.ndarray]) -> None:
@@ -143,6 +164,32 @@ def on_map(stages: Sequence[Stage], told: np.ndarray, path: np.ndarray, area: Ar
     return Evidence(
         table_of(stages)[rest], np.ascontiguousarray(told[rest]), seen[rest], np.full(3, math.nan),
         state, np.diag(spread), lines, corners, has_frame,
+    )  # fmt: skip
+
+
+def on_own_map(stages: Sequence[Stage], guess: CartParams, params: BumpMapperParams, seed: int) -> Evidence:
+    """Evidence of walls that are known only from this run's own bumps; ValueError where their map is doubtful."""
+    mapper = BumpMapper(guess, params, seed)
+    mapper.extend(stages)
+    found = mapper.refine()
+    if not found.is_sure:
+        raise ValueError(
+            "the map of these bumps is doubtful, so that walls felt again tell nothing; log a longer run, or give a map"
+        )
+    felt = found.lines[found.lines[:, HITS] >= LEAST_BUMPS]
+    outward = np.column_stack([np.cos(felt[:, PHI]), np.sin(felt[:, PHI])])
+    places = felt[:, [X, Y]] + felt[:, BEYOND, None] * outward
+    lines = np.column_stack([places, felt[:, PHI], felt[:, LOW] - UNFELT, felt[:, HIGH] + UNFELT])
+    drives = [row for row, stage in enumerate(stages) if stage.kind == DRIVE]
+    told = np.full((len(stages), 3), math.nan)
+    told[drives] = np.where(found.is_bump[:, None], found.path, math.nan)
+    first = bumps_of(stages)[0]
+    rest, nothing = slice(first + 1, None), np.full((len(stages), 3), math.nan)
+    state = np.concatenate([told[first], np.zeros(OWN - 3 + 2 * len(lines))])
+    spread = np.concatenate([np.zeros(OWN), np.tile(OFF_WALL**2, len(lines))])  # it begins where the frame is
+    return Evidence(
+        table_of(stages)[rest], np.ascontiguousarray(told[rest]), nothing[rest], np.full(3, math.nan),
+        state, np.diag(spread), np.ascontiguousarray(lines), NO_CORNERS, False, True,
     )  # fmt: skip
 
 

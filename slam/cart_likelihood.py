@@ -49,7 +49,8 @@ class Evidence(NamedTuple):
     What is nan was not told, or not seen. `first` (3,) was seen at the start. The filter begins from `state` (d,) and
     `covariance` (d, d): `OWN` of the cart, then the map's pose in the camera's frame (3) if it `has_frame`. Walls
     `lines` (m, 5) are a point on each, the direction out through it, and from where to where along it; `corners` (c, 2)
-    point into the floor.
+    point into the floor. If the walls are `unsure`, what their directions (rad) and places (m) are off follows in the
+    state, two numbers a wall.
     """
 
     stages: np.ndarray
@@ -61,6 +62,7 @@ class Evidence(NamedTuple):
     lines: np.ndarray
     corners: np.ndarray
     has_frame: bool
+    unsure: bool = False
 
 
 @njit(cache=True)
@@ -149,11 +151,17 @@ def meet(mean, covariance, evidence, feature, values, slope):
     else:
         wall, side = feature // 2, 1.0 - 2.0 * (feature % 2)
         x, y, phi, low, high = evidence.lines[wall]
+        own = OWN + 2 * wall
+        if evidence.unsure:
+            phi += mean[own]
         normal_x, normal_y = math.cos(phi), math.sin(phi)
         end_x, end_y = ahead * cos - side * half * sin, ahead * sin + side * half * cos
         dx, dy = mean[0] + end_x - x, mean[1] + end_y - y
         off = normal_x * dx + normal_y * dy
         place = normal_x * dy - normal_y * dx
+        if evidence.unsure:
+            off -= mean[own + 1]
+            slope[own], slope[own + 1] = place, -1.0
         cosine = normal_x * cos + normal_y * sin
         slope[0], slope[1], slope[2] = normal_x, normal_y, -normal_x * end_y + normal_y * end_x
         askew = normal_y * cos - normal_x * sin

@@ -87,9 +87,7 @@ def test_a_cameras_path_in_a_frame_and_a_time_of_its_own_calibrates(tmp_path):
     assert learned.veer != 0.0
 
 
-def test_a_log_alone_is_refused_with_what_it_needs(tmp_path):
-    with pytest.raises(UserError, match=r"--map.*--path"):
-        calibrate([tmp_path / "run.rlog"], None, Options("bumper_cart", 0, 1, None, None, None, {}, ()))
+def test_a_log_needs_a_path_of_its_own(tmp_path):
     with pytest.raises(UserError, match="one --path for each log"):
         calibrate([tmp_path / "run.rlog"], None, Options("bumper_cart", 0, 1, None, None, None, {}, ()), [ROOM, ROOM])
 
@@ -104,3 +102,6 @@ def test_a_run_that_is_too_short_is_refused(tmp_path):
     result = CliRunner().invoke(app, ["calibrate", "cart", str(log), "--map", str(ROOM)])
     assert result.exit_code != 0
     assert "too few bumps" in str(result.exception) + result.output
+    result = CliRunner().invoke(app, ["calibrate", "cart", str(log)])
+    assert result.exit_code != 0
+    assert "it takes 50 bumps" in str(result.exception) + result.output

@@ -11,8 +11,8 @@ from firmware.virtual.bumper_cart import VirtualCart, run_cart
 from firmware.virtual.polygons import closed_outlines
 from firmware.virtual.worlds import load_world
 from slam.area import area_of
-from slam.cart_calibration import frame_of, learn_from_camera, learn_from_map, lines_of, on_map, table_of
-from slam.cart_likelihood import NAMES, TOLD, run_costs
+from slam.cart_calibration import frame_of, learn_alone, learn_from_camera, learn_from_map, lines_of, on_map, table_of
+from slam.cart_likelihood import NAMES, NO_CORNERS, TOLD, meet, run_costs
 from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage, turn_variance, way_variance
 from slam.maximum_likelihood import Unknown, fitted
 from slam.pose import compose
@@ -111,6 +111,63 @@ def test_a_bump_on_the_map_is_as_likely_as_its_gaussian():
     density = math.exp(-0.5 * off**2 / variance) / math.sqrt(2.0 * math.pi * variance)
     expected = -math.log(tick * (0.97 * density + 0.03))
     assert cost == pytest.approx(expected, abs=1e-3)
+
+
+def unsure_evidence(spread):
+    """A run in a rectangle whose walls are off by nothing, with a doubt (m and rad, one sigma) of them."""
+    room = area_of([np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])])
+    stages = [
+        Stage(DRIVE, 200, 190, MIDDLE),
+        Stage(BACK, -50, -50),
+        Stage(TURN, -40, 40),
+        Stage(DRIVE, 300, 310, MIDDLE),
+    ]
+    told = np.array([[0.5, 0.5, 0.7], [np.nan] * 3, [np.nan] * 3, [np.nan] * 3])
+    sure = on_map(stages, told, np.full((5, 3), np.nan), room)._replace(corners=NO_CORNERS)
+    more = 2 * len(sure.lines)
+    covariance = np.zeros((len(sure.state) + more,) * 2)
+    covariance[: len(sure.state), : len(sure.state)] = sure.covariance
+    covariance[len(sure.state) :, len(sure.state) :] = spread**2 * np.eye(more)
+    state = np.concatenate([sure.state, np.zeros(more)])
+    return sure, sure._replace(state=state, covariance=covariance, unsure=True)
+
+
+def test_walls_that_may_be_off_by_nothing_are_walls_that_are_known():
+    values = np.array([getattr(CartParams(), name, 0.01) for name in NAMES])
+    sure, unsure = unsure_evidence(0.0)
+    np.testing.assert_allclose(run_costs(values, unsure), run_costs(values, sure), rtol=1e-9)
+    assert np.any(np.abs(run_costs(values, unsure_evidence(0.05)[1]) - run_costs(values, sure)) > 0.1)
+
+
+def test_a_walls_slopes_are_its_derivatives():
+    values = np.array([getattr(CartParams(), name, 0.01) for name in NAMES])
+    _, evidence = unsure_evidence(0.02)
+    rng = np.random.default_rng(3)
+    for feature in range(2 * len(evidence.lines)):
+        mean = np.concatenate([[0.7, 0.5, 0.4], 0.05 * rng.standard_normal(len(evidence.state) - 3)])
+        slope, spare = np.zeros(len(mean)), np.zeros(len(mean))
+        meet(mean, evidence.covariance, evidence, feature, values, slope)
+        for row in range(len(mean)):
+            nudge = 1e-6 * np.eye(len(mean))[row]
+            ahead, behind = (
+                meet(mean + side * nudge, evidence.covariance, evidence, feature, values, spare)[0] for side in (1, -1)
+            )
+            assert (ahead - behind) / 2e-6 == pytest.approx(slope[row], abs=1e-6)
+
+
+def test_the_virtual_carts_wheelbase_is_found_by_its_own_bumps():
+    world = load_world("cut-rectangle")
+    stages, _ = run_cart(world, 3005, 100)
+    guess = CartParams()._replace(wheelbase=1.03 * CartParams().wheelbase)
+    found = learn_alone([[Stage(*stage) for stage in stages]], guess)
+    assert "tick" not in found.names
+    assert found.value("wheelbase") == pytest.approx(VirtualCart(world, seed=3005).build.wheelbase, rel=0.015)
+
+
+def test_too_few_bumps_tell_nothing_alone():
+    stages, _ = run_of(TRUE, 1, 30)
+    with pytest.raises(ValueError, match="50 bumps"):
+        learn_alone([stages], CartParams())
 
 
 def test_corners_that_point_into_the_floor_are_found():
