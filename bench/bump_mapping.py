@@ -38,6 +38,7 @@ from slam.pose import compose, transform
 FIRST_ROOM = 100  # rooms before were looked at while this was made
 ROOMS = 10
 GOOD = 0.05  # m
+DRAWN = "100 bumps"  # the row of which a picture draws rooms
 CARTS = (1, 3, 10, 30, 100)
 CART_BUMPS = 100
 CART_PARTICLES = 4000
@@ -104,8 +105,13 @@ def run(case: Case, seed: int) -> Record:
     contacts = laid(raw[:, :2], driven.truth[driven.bumps + 1, :2], [bumper_points(raw, CartParams())[:, 1]])[0]
     error, covered = errors_of(refined, driven, segments)
     live_error, live_covered = errors_of(live, driven, segments)
+    is_drawn = case == CASES[DRAWN]
+    walls = laid(refined.path[refined.is_bump][:, :2], driven.truth[driven.bumps + 1, :2], refined.walls)
     return {
         "seed": seed,
+        "room": room,
+        "walls": [np.round(wall, 3).tolist() for wall in walls] if is_drawn else None,
+        "contacts": np.round(contacts, 3).tolist() if is_drawn else None,
         "error": error,
         "covered": covered,
         "good": error < GOOD,

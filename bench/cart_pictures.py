@@ -9,10 +9,11 @@ from matplotlib.ticker import NullLocator
 
 from bench.benchmark import Record
 from bench.bump_localization import NUMBERS, RULES, SENSITIVE
-from bench.bump_mapping import GOOD
+from bench.bump_mapping import CARTS, CASES, DRAWN, GOOD
 from bench.cart_lessons import MANNERS, METRE, USUAL, WIDTHS
 from bench.claims.plots import WAYS, panel, picture
 from bench.result import Result
+from firmware.virtual.polygons import polygon
 
 TRACKS = 12  # carts whose ways are drawn
 
@@ -112,4 +113,63 @@ def bump_lessons(result: Result) -> Figure:
     widths.axhline(GOOD, color="#999999", linewidth=1.0)
     widths.set(yscale="log", xlabel="bumper's width (mm)")
     widths.yaxis.set_major_formatter("{x:g}")
+    return figure
+
+
+def bump_mapping(result: Result) -> Figure:
+    """Errors of maps of unknown rooms beside dead reckoning's, and the best, the middle and the worst of them."""
+    figure = picture(4)
+    rows = {row.name: row.records for row in result.rows}
+    usual = {int(name.split()[0]): rows[name] for name in CASES if name in rows and name.endswith("bumps")}
+    axes = panel(figure, 0, 0, "walls off (m)")
+    for (colour, _), (label, key) in zip(
+        WAYS, (("refined map", "error"), ("dead reckoning", "raw_error")), strict=False
+    ):
+        medians = [np.median([record[key] for record in records]) for records in usual.values()]
+        axes.plot(list(usual), medians, color=colour, label=label)
+        for number, records in usual.items():
+            axes.plot([number] * len(records), [record[key] for record in records], ".", color=colour, markersize=2.5)
+    axes.axhline(GOOD, color="#999999", linewidth=1.0)
+    axes.set(yscale="log", xlabel="bumps")
+    plain_logarithm(axes, tuple(usual))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.legend()
+    ranked = sorted(rows.get(DRAWN, []), key=lambda record: record["error"])
+    for column, (name, row) in enumerate((("best", 0), ("middle", len(ranked) // 2), ("worst", -1)), 1):
+        axes = panel(figure, 0, column)
+        if ranked:
+            draw_room(axes, ranked[row], f"{name} of {len(ranked)}: {100.0 * ranked[row]['error']:.1f} cm")
+    figure.axes[1].legend(loc="lower left")
+    return figure
+
+
+def draw_room(axes: Axes, record: Record, title: str) -> None:
+    """A room's true walls, those mapped, and where dead reckoning felt them."""
+    for place, (x1, y1, x2, y2) in enumerate(polygon(record["room"]).segments):
+        axes.plot([x1, x2], [y1, y2], color="#bbbbbb", linewidth=3.0, label=None if place else "walls")
+    x, y = np.array(record["contacts"]).T
+    axes.plot(x, y, ".", color=WAYS[1][0], markersize=2.0, label="bumps, dead reckoning")
+    for place, wall in enumerate(record["walls"]):
+        x, y = np.array(wall).T
+        axes.plot(x, y, color=WAYS[0][0], linewidth=1.2, label=None if place else "mapped")
+    axes.set(title=title, aspect="equal", xticks=[], yticks=[])
+
+
+def bump_merging(result: Result) -> Figure:
+    """A merged map's error, and the merge's time, against the number of carts."""
+    figure = picture(2)
+    rows = {int(row.name.split()[0]): row.records for row in result.rows}
+    numbers = [number for number in CARTS if number in rows]
+    errors, times = panel(figure, 0, 0, "walls off (mm)"), panel(figure, 0, 1, "merged in (s)")
+    for axes, key, factor in ((errors, "error", 1e3), (errors, "alone", 1e3), (times, "seconds", 1.0)):
+        colour = WAYS[1 if key == "alone" else 0][0]
+        label = {"error": "merged map", "alone": "one cart's own map"}.get(key)
+        found = {number: factor * np.array([record[key] for record in rows[number]]) for number in numbers}
+        axes.plot(numbers, [np.median(each) for each in found.values()], color=colour, label=label)
+        for number, values in found.items():
+            axes.plot([number] * len(values), values, ".", color=colour)
+        axes.set(yscale="log", xlabel="carts")
+        plain_logarithm(axes, tuple(numbers))
+        axes.yaxis.set_major_formatter("{x:g}")
+    errors.legend()
     return figure

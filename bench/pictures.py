@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from bench.beams import BEAMS, PUBLISHED
 from bench.calibration import DRIVES, VIEWS
-from bench.cart_pictures import bump_lessons, bump_sensitivity, bumps
+from bench.cart_pictures import bump_lessons, bump_mapping, bump_merging, bump_sensitivity, bumps
 from bench.claims.plots import STYLE, WAYS, panel, picture
 from bench.laser_pictures import basin, laser_memory, maze_turns
 from bench.recordings import CACHE, ROOT
@@ -102,6 +102,8 @@ PICTURES: dict[str, Callable[[Result], Figure]] = {
     "basin": basin,
     "beams": beams,
     "bump-lessons": bump_lessons,
+    "bump-mapping": bump_mapping,
+    "bump-merging": bump_merging,
     "bump-sensitivity": bump_sensitivity,
     "bumps": bumps,
     "calibration": calibration,
@@ -111,6 +113,8 @@ PICTURES: dict[str, Callable[[Result], Figure]] = {
 }
 FILES = {
     "bump-lessons": "bumper-cart-lessons",
+    "bump-mapping": "bumper-cart-unknown",
+    "bump-merging": "bumper-cart-carts",
     "bump-sensitivity": "bumper-cart-sensitivity",
     "bumps": "bumper-cart-localized",
     "maze-turns": "turn-rate",

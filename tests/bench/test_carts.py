@@ -73,3 +73,32 @@ def test_sensitivity_is_drawn_around_what_is_usual():
     assert list(np.asarray(line.get_xdata())) == [1.0, 2.0]
     assert list(np.asarray(line.get_ydata())) == [100.0, 50.0]
     assert len(figure.axes) == len(bump_localization.SENSITIVE)
+
+
+def test_maps_of_unknown_rooms_are_drawn_by_rank():
+    def record(error):
+        return {
+            "error": error,
+            "raw_error": 0.3,
+            "room": 100,
+            "walls": [[[0, 0], [1, error]]],
+            "contacts": [[0, 0], [1, 1]],
+        }
+
+    rows = {"50 bumps": [record(0.2)], "100 bumps": [record(error) for error in (0.05, 0.01, 0.4)]}
+    errors, *rooms = cart_pictures.bump_mapping(made("bump-mapping", rows)).axes
+    assert list(np.asarray(errors.get_lines()[0].get_ydata())) == [0.2, 0.05]
+    assert [axes.get_title() for axes in rooms] == ["best of 3: 1.0 cm", "middle of 3: 5.0 cm", "worst of 3: 40.0 cm"]
+    for axes, error in zip(rooms, (0.01, 0.05, 0.4), strict=True):
+        [mapped] = [line for line in axes.get_lines() if line.get_label() == "mapped"]
+        assert np.asarray(mapped.get_ydata())[-1] == error
+
+
+def test_merged_maps_are_drawn_against_the_number_of_carts():
+    one = {"error": 0.02, "alone": 0.02, "seconds": 1.0}
+    rows = {"1 cart": [one], "10 carts": [one | {"error": 0.004}, one | {"error": 0.006, "seconds": 9.0}]}
+    errors, times = cart_pictures.bump_merging(made("bump-merging", rows)).axes
+    merged = next(line for line in errors.get_lines() if line.get_label() == "merged map")
+    assert list(np.asarray(merged.get_xdata())) == [1, 10]
+    assert list(np.asarray(merged.get_ydata())) == pytest.approx([20.0, 5.0])
+    assert list(np.asarray(times.get_lines()[0].get_ydata())) == pytest.approx([1.0, 5.0])
