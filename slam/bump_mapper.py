@@ -37,6 +37,7 @@ class BumpMapperParams(Params):
 
     n_particles: int = Field(default=16000, ge=1, le=200_000)
     n_islands: int = Field(default=4, ge=1, le=64)  # that never mix, so that another map stays when one loses the way
+    tries: int = Field(default=4, ge=1, le=64)  # errors of the odometry that each draws, of which it keeps one
     n_lines: int = Field(default=24, ge=1, le=120)  # that a particle can tell apart
     contact: float = Field(default=0.01, gt=0.0)  # m, standard deviation of where a felt wall is
     direction: float = Field(default=0.6, gt=0.0)  # rad, of a new wall's outward direction about the heading

@@ -77,6 +77,7 @@ class Model(NamedTuple):
     settled: float  # bumps after which a new wall is half as likely as at first
     flat: float  # angle to the wall below which a bump may turn the cart square to it
     flat_share: float  # of such bumps that do
+    tries: int  # of the odometry's errors that each particle draws, of which it keeps one
 
 
 @njit(cache=True)
@@ -241,12 +242,15 @@ def below(z):
 
 
 @njit(cache=True)
-def believe(swarm, p, pose, n_bumps, bumper, key, model):
-    """Log likelihood of a bump of particle p at a pose; what it is told of is drawn, and the map learns it."""
+def weigh(swarm, p, pose, n_bumps, bumper, model, options):
+    """Log likelihood of what a drive of particle p ended with at a pose.
+
+    Fills `options` (k + 2,) with how likely a bump is told of each known line, of a new one, and of nothing.
+    """
     n_lines = swarm.n_lines[p]
     lines = swarm.lines[p]
     log_weight = 0.0
-    options = np.zeros(n_lines + 2)
+    options[: n_lines + 2] = 0.0
     through = np.zeros(n_lines)
     total_through, known = 0.0, 0.0
     for j in range(n_lines):
@@ -277,8 +281,16 @@ def believe(swarm, p, pose, n_bumps, bumper, key, model):
         # whoever is felt is no wall that was passed; all others must not be
         options[j] *= math.exp(total_through - (through[j] if j < n_lines else 0.0))
         total += options[j]
+    return log_weight + math.log(total)
+
+
+@njit(cache=True)
+def believe(swarm, p, pose, n_bumps, key, model, options):
+    """What a bump of particle p at a pose is told of is drawn of `options`, and the map learns it."""
+    n_lines = swarm.n_lines[p]
+    lines = swarm.lines[p]
     chosen = n_lines + 1
-    u = uniform_of(key, p, 3) * total
+    u = uniform_of(key, p, 3) * np.sum(options[: n_lines + 2])
     for j in range(n_lines + 2):
         u -= options[j]
         if u < 0.0:
@@ -293,7 +305,6 @@ def believe(swarm, p, pose, n_bumps, bumper, key, model):
         swarm.felt[p, n_bumps] = chosen
     else:
         swarm.felt[p, n_bumps] = STRAY
-    return log_weight + math.log(total)
 
 
 @njit(cache=True)
@@ -317,23 +328,60 @@ def square_up(pose, line, flat, key, p, model):
 
 
 @njit(cache=True)
-def advance(swarm, stages, bumper, n_bumps, seed, vertex, model):
-    """Move all particles by the stages (s, 3) up to a bump, the last of which is the drive, and weigh them by it."""
-    key = vertex_key(seed, vertex)
+def attempt(swarm, p, stages, bumper, n_bumps, key, draw, model, start, pose, options):
+    """Move particle p by the stages up to a drive's end with the errors of a `draw`, and weigh it.
+
+    Fills `start` (3,), `pose` (3,), `options` and the drive's pieces; returns the log weight, and whether the cart was
+    dragged along a wall.
+    """
     last = stages.shape[0] - 1
-    pose, ahead = np.empty(3), np.empty(2)
-    for p in range(swarm.poses.shape[0]):
+    pose[:] = swarm.poses[p]
+    gained = 0.0
+    for s in range(last):
+        gained += moved(pose, swarm.biases[p], stages[s], False, key, draw, 8 + 4 * s, model, pose)[0]
+    start[:] = pose
+    plus, is_dragged = moved(pose, swarm.biases[p], stages[last], bumper != 0, key, draw, 8 + 4 * last, model, pose)
+    chord_pieces(start, pose, swarm.pieces[p], n_bumps * PIECES, model)
+    return gained + plus + weigh(swarm, p, pose, n_bumps, bumper, model, options), is_dragged
+
+
+@njit(cache=True)
+def advance(swarm, stages, bumper, n_bumps, seed, vertex, model):
+    """Move all particles by the stages (s, 3) up to a bump, the last of which is the drive, and weigh them by it.
+
+    Each draws several errors of the odometry and goes on with one, chosen by how likely they make the bump (sampling
+    importance resampling; Rubin, 1987); its weight is their mean, so that the filter estimates what it did with one.
+    """
+    key = vertex_key(seed, vertex)
+    n, n_tries = swarm.poses.shape[0], int(model.tries)
+    pose, start = np.empty(3), np.empty(3)
+    options, logs = np.empty(swarm.lines.shape[1] + 2), np.empty(n_tries)
+    for p in range(n):
         swarm.biases[p, 0] += 0.001 * gaussian_of(key, p, 6)
         swarm.biases[p, 1] += 0.003 * gaussian_of(key, p, 7)
-        pose[:] = swarm.poses[p]
-        gained = 0.0
-        for s in range(last):
-            gained += moved(pose, swarm.biases[p], stages[s], False, key, p, 8 + 4 * s, model, pose)[0]
-        start = pose.copy()
-        plus, is_dragged = moved(pose, swarm.biases[p], stages[last], bumper != 0, key, p, 8 + 4 * last, model, pose)
-        gained += plus
-        chord_pieces(start, pose, swarm.pieces[p], n_bumps * PIECES, model, ahead)
-        gained += believe(swarm, p, pose, n_bumps, bumper, key, model)
+        top = -np.inf
+        is_dragged = False
+        for i in range(n_tries):
+            logs[i], is_dragged = attempt(
+                swarm, p, stages, bumper, n_bumps, key, p + i * n, model, start, pose, options
+            )
+            top = max(top, logs[i])
+        total = np.sum(np.exp(logs - top))
+        gained = top + math.log(total / n_tries)
+        if n_tries > 1:
+            u = uniform_of(key, p, 1) * total
+            taken = 0
+            for i in range(n_tries):
+                u -= math.exp(logs[i] - top)
+                taken = i
+                if u < 0.0:
+                    break
+            if taken < n_tries - 1:
+                _, is_dragged = attempt(
+                    swarm, p, stages, bumper, n_bumps, key, p + taken * n, model, start, pose, options
+                )
+        if bumper != 0:
+            believe(swarm, p, pose, n_bumps, key, model, options)
         swarm.log_weights[p] += gained
         swarm.scores[p] += gained
         chosen = swarm.felt[p, n_bumps]
@@ -346,7 +394,7 @@ def advance(swarm, stages, bumper, n_bumps, seed, vertex, model):
 
 
 @njit(cache=True)
-def chord_pieces(start, end, pieces, row, model, point):
+def chord_pieces(start, end, pieces, row, model):
     """Write the two chords that the bumper's middle goes along from pose `start` to `end`."""
     turn = end[2] - start[2]
     chord = math.hypot(end[0] - start[0], end[1] - start[1])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from slam.bump_mapper import BumpMapperParams
+from slam.bump_mapper import BumpMapper, BumpMapperParams
 from slam.bump_swarm import (
     BEYOND,
     COLUMNS,
@@ -16,6 +16,7 @@ from slam.bump_swarm import (
     LOW,
     PHI,
     VAR_PHI,
+    advance,
     begin_line,
     chord_pieces,
     innovation,
@@ -107,7 +108,7 @@ def test_chords_lie_along_the_bumpers_way():
     start, end = np.array([0.2, -0.1, 0.5]), np.array([0.2, -0.1, 0.5])
     end = compose(start, arc(400, 450, CART))
     pieces = np.zeros((2, 4))
-    chord_pieces(start, end, pieces, 0, MODEL, np.empty(2))
+    chord_pieces(start, end, pieces, 0, MODEL)
     halfway = compose(start, arc(200, 225, CART))
     middles = bumper_points(np.array([start, halfway, end]), CART)[:, 1]
     np.testing.assert_allclose(pieces, [[*middles[0], *middles[1]], [*middles[1], *middles[2]]], atol=1e-9)
@@ -160,3 +161,25 @@ def test_switches_tell_the_side_of_a_wall():
     assert sided(0.5, 2) == 1.0
     assert sided(-0.5, 1) > 0.99 > 0.01 > sided(0.5, 1)
     assert sided(0.5, 4) > 0.99 > 0.01 > sided(-0.5 + 2.0 * math.pi, 4)
+
+
+def after_a_bump(tries: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (n,) and poses (n, 3) of particles that knew the wall x = 0.5 well, and bumped where it is."""
+    mapper = BumpMapper(CART, BumpMapperParams(n_particles=20_000, n_islands=1, tries=tries), seed=5)
+    line = np.zeros(COLUMNS)
+    begin_line(line, bump_at(0.0, 0.5, 0.0, 0.2), MODEL)
+    for along in np.linspace(-0.4, 0.4, 20):
+        learn(line, bump_at(0.0, 0.5, along, 0.5 * along), MODEL)
+    mapper.swarm.lines[:, 0], mapper.swarm.n_lines[:] = line, 1
+    count = (0.5 - MODEL.ahead) / MODEL.tick
+    advance(mapper.swarm, np.array([[DRIVE, count, count]]), 2, 0, 5, 0, mapper.model)
+    return np.exp(mapper.swarm.log_weights), mapper.swarm.poses
+
+
+def test_more_tries_estimate_the_same_with_less_spread():
+    (one, poses), (many, others) = after_a_bump(1), after_a_bump(8)
+    error = math.hypot(*(np.std(weights) / math.sqrt(len(weights)) for weights in (one, many)))
+    assert abs(np.mean(one) - np.mean(many)) < 4.0 * error
+    first, second = (np.average(at, axis=0, weights=weights) for at, weights in ((poses, one), (others, many)))
+    assert first == pytest.approx(second, abs=2e-3)
+    assert np.var(many) < 0.25 * np.var(one)
