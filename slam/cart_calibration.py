@@ -21,8 +21,8 @@ from slam.bump_swarm import BEYOND, HIGH, HITS, LOW, PHI, X, Y
 from slam.bump_walls import LEAST_BUMPS
 from slam.cart_likelihood import NAMES, NO_CORNERS, OWN, TOLD, Evidence, run_costs
 from slam.cart_odometry import DRIVE, CartParams, Stage, bumps_of
-from slam.maximum_likelihood import Learned, Unknown, fitted
 from slam.pose import transform, wrap
+from slam.posterior import Learned, Unknown, fitted
 
 ODOMETRY = ("wheelbase", "tick", "distance_noise", "turn_noise", "rotation_noise", "veer", "play", "overrun")
 BUMPER = ("bumper_width", "bumper_ahead", "tolerance", "slip_share", "slip_distance")
@@ -238,12 +238,12 @@ def located(stages: Sequence[Stage], area: Area, guess: CartParams, seed: int) -
 
 
 def placed(localizer: BumpLocalizer, stages: Sequence[Stage]) -> np.ndarray:
-    """The poses of `located` by one localizer."""
+    """The poses of `located` by one localizer, as the whole run tells them; all nan if it never found the cart."""
     told, was_sure = np.full((len(stages), 3), math.nan), False
-    for row, stage in enumerate(stages):
+    for stage in stages:
         localizer.step(stage)
-        if stage.kind == DRIVE and stage.bumper > 0 and (estimate := localizer.estimate()) is not None:
-            was_sure |= estimate.is_localized
-            if was_sure and estimate.clusters and estimate.clusters[0].share > LIKELY:
-                told[row] = estimate.pose
+        if stage.kind == DRIVE and stage.bumper > 0 and not was_sure and (estimate := localizer.estimate()) is not None:
+            was_sure = estimate.is_localized
+    if was_sure:
+        told[bumps_of(stages)] = localizer.path()
     return told

@@ -1,11 +1,11 @@
 """How likely a cart's bumps, and what a camera above saw of it, are with given parameters: a sum of Gaussian filters.
 
-What a bump was is not known, so that each hypothesis goes on as several: with an end of the bumper, or with its face,
-at a wall that is near; with wheels that went on after it; or as a bump of which nothing is believed, behind which the
-filter begins anew where it was told. None is decided for good, and what is told does not depend on a first guess:
-decisions that leave errors out which look large make those that remain look small. Counters are cut off to whole
-ticks and go on between stages, so that what they keep to themselves is a state as well; so is where a map is in a
-camera's frame.
+What a bump was is not known, so that each hypothesis goes on as several: with an end of the bumper at a wall that is
+near; with wheels that went on after it, which may leave the cart square to the wall; or as a bump of which nothing is
+believed, behind which the filter begins anew where it was told. A turn may have been hindered. None is decided for
+good, and what is told does not depend on a first guess: decisions that leave errors out which look large make those
+that remain look small. Counters are cut off to whole ticks and go on between stages, so that what they keep to
+themselves is a state as well; so is where a map is in a camera's frame.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from slam.cart_odometry import Noise, turn_variance, way_variance
+from slam.cart_odometry import TURN, Noise, turn_variance, way_variance
 
 NAMES = (
     "wheelbase", "tick", "distance_noise", "turn_noise", "rotation_noise", "veer", "play", "bumper_width",
@@ -25,8 +25,10 @@ NAMES = (
 )  # fmt: skip
 FRAME, OWN = 5, 5  # states of the cart itself: its pose, and what both counters keep to themselves (m)
 MOST = 16  # hypotheses that go on from a bump,
-ROOM = 2000  # among so many
-FAINTEST = 1e-6  # share of the likeliest one below which one is given up,
+ROOM = 6000  # among so many
+NEAR = 0.3  # sigmas within which two that came of the same go on as one: farther ones would be smeared,
+LEAST_SPREAD = 1e-8  # and m^2 and rad^2 of these that there always are
+FAINTEST = 1e-3  # share of the likeliest one below which one is given up,
 PALE = 0.05  # and where a camera has made them much the same
 STEEPEST = 0.1  # cosine of the angle to a wall's normal from which it may be met
 SOFT = 0.01  # m over which walls end
@@ -38,7 +40,13 @@ EVENLY = 1.0  # per m
 WILD = np.array([0.05, 0.005])  # shares of stages that go wrong, and altogether,
 WILD_WAY, WILD_TURN = np.array([0.0, 0.05, 1.0]), np.array([0.0, 0.5, 2.0])  # m and rad by which they then do
 TOLD = np.array([0.04, 0.04, 0.1])  # m, m, rad: how exact places are that are told
-KICK = np.array([0.03, 0.03, 0.2])  # m, m, rad that a slip adds to what is not known
+KICK = np.array([0.03, 0.03, 0.2])  # m, m, rad that a bump adds of which nothing is believed,
+SLID, SWUNG = 0.003, 0.04  # m and rad that a slip adds at least,
+SLIDES, SWINGS = 0.3, 0.6  # a metre that wheels went on: as a share of it, and rad per m;
+MOST_SLID, MOST_SWUNG = 0.05, 0.3  # m and rad at most
+ANYHOW, SQUARE = 0.7, 0.003  # rad: how one that ends square to a wall may have stood, and how square it is then
+FLATTENS = 0.15  # m of going on that make a cart stand square, in the mean
+SLIPPED, FLAT = 1, 2  # what a bump may be beside ordinary
 KIND, LEFT, RIGHT, TURNED_LEFT, TURNED_RIGHT, IS_BUMP = range(6)  # columns of a run's stages
 NO_CORNERS = np.zeros((0, 2))
 
@@ -155,6 +163,9 @@ def meet(mean, covariance, evidence, feature, values, slope):
         if evidence.unsure:
             phi += mean[own]
         normal_x, normal_y = math.cos(phi), math.sin(phi)
+        cosine = normal_x * cos + normal_y * sin
+        if cosine < STEEPEST:
+            return 0.0, cosine, 1.0, 0.0
         end_x, end_y = ahead * cos - side * half * sin, ahead * sin + side * half * cos
         dx, dy = mean[0] + end_x - x, mean[1] + end_y - y
         off = normal_x * dx + normal_y * dy
@@ -162,7 +173,6 @@ def meet(mean, covariance, evidence, feature, values, slope):
         if evidence.unsure:
             off -= mean[own + 1]
             slope[own], slope[own + 1] = place, -1.0
-        cosine = normal_x * cos + normal_y * sin
         slope[0], slope[1], slope[2] = normal_x, normal_y, -normal_x * end_y + normal_y * end_x
         askew = normal_y * cos - normal_x * sin
         likely = gate(low - place) * gate(place - high)
@@ -206,13 +216,20 @@ def bump(means, covariances, weights, n, told, evidence, values):
     for parent in range(n):
         for feature in range(n_features):
             off, cosine, variance, likely = meet(means[parent], covariances[parent], evidence, feature, values, slope)
-            if cosine < STEEPEST or likely < 1e-6 or count + 2 > ROOM - 1:
+            if cosine < STEEPEST or likely < 1e-6 or count + 3 > ROOM - 1:
                 continue
             size = slip_distance / cosine
             ordinary = math.exp(-0.5 * off * off / variance) / math.sqrt(2.0 * math.pi * variance) * cosine
-            slipped = math.exp(-off / cosine / size) / size if off > 0.0 else 0.0
-            for slips in range(2):
-                share = slip_share * slipped if slips else (1.0 - slip_share) * ordinary
+            slipped = slip_density(off / cosine, math.sqrt(variance) / cosine, size)
+            flattens = 0.0
+            if feature < 2 * n_walls:
+                flattens = 1.0 - math.exp(-max(off / cosine, 0.002) / FLATTENS)
+            for slips in range(3):
+                share = (1.0 - slip_share) * ordinary
+                if slips == SLIPPED:
+                    share = slip_share * (1.0 - flattens) * slipped
+                elif slips == FLAT:
+                    share = slip_share * flattens * slipped
                 found[count, 0], found[count, 1], found[count, 2] = parent, feature, slips
                 densities[count] = (1.0 - ANEW) * weights[parent] * likely * share
                 count += 1
@@ -224,31 +241,34 @@ def bump(means, covariances, weights, n, told, evidence, values):
     kept = 0
     outcomes, shares = np.empty((MOST, 2), np.int64), np.zeros(MOST)
     middles, offs, squares = np.empty((MOST, d)), np.zeros((MOST, d)), np.zeros((MOST, d, d))
+    spreads = np.empty((MOST, 3, 3))
     mean, covariance = np.empty(d), np.empty((d, d))
     for row in order:
         if densities[row] < FAINTEST * densities[order[0]]:
             break
         parent, feature, slips = found[row]
-        own = 0
-        while own < kept and (outcomes[own, 0] != feature or outcomes[own, 1] != slips):
-            own += 1
-        if own == MOST:
-            continue
         mean[:], covariance[:] = means[parent], covariances[parent]
         if feature < 0:
             begin_at(mean, covariance, told)
         else:
             settle(mean, covariance, evidence, feature, slips, values, slope)
+        own = 0
+        while own < kept and not (
+            outcomes[own, 0] == feature and outcomes[own, 1] == slips and alike(mean, middles[own], spreads[own])
+        ):
+            own += 1
+        if own == MOST:
+            continue
         if own == kept:
             kept += 1
             outcomes[own, 0], outcomes[own, 1] = feature, slips
-            middles[own] = mean
+            middles[own], spreads[own] = mean, covariance[:3, :3]
         off = mean - middles[own]
         off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
         shares[own] += densities[row]
         offs[own] += densities[row] * off
         squares[own] += densities[row] * (covariance + np.outer(off, off))
-    for own in range(kept):  # what ended alike goes on as one, with the spread of all
+    for own in range(kept):  # what ended alike, and near, goes on as one, with the spread of all
         off = offs[own] / shares[own]
         means[own] = middles[own] + off
         covariances[own] = squares[own] / shares[own] - np.outer(off, off)
@@ -257,16 +277,52 @@ def bump(means, covariances, weights, n, told, evidence, values):
 
 
 @njit(cache=True)
+def alike(mean, other, spread):
+    """Whether a pose is within `NEAR` of another's spread (3, 3), so that nothing is lost if both go on as one."""
+    off = mean[:3] - other[:3]
+    off[2] -= 2.0 * math.pi * math.floor(off[2] / (2.0 * math.pi) + 0.5)
+    return off @ np.linalg.solve(spread + LEAST_SPREAD * np.eye(3), off) < NEAR**2
+
+
+@njit(cache=True)
 def settle(mean, covariance, evidence, feature, slips, values, slope):
     """Take into a hypothesis that its bump was at a feature; one that slipped is put back to it first."""
     off, cosine, variance, _ = meet(mean, covariance, evidence, feature, values, slope)
     if slips:
+        went_on = max(off / cosine, 0.0)
         mean[0] -= off / cosine * math.cos(mean[2])
         mean[1] -= off / cosine * math.sin(mean[2])
-        for axis in range(3):
-            covariance[axis, axis] += KICK[axis] ** 2
+        for axis in range(2):
+            covariance[axis, axis] += min(SLID + SLIDES * went_on, MOST_SLID) ** 2
+        covariance[2, 2] += (ANYHOW if slips == FLAT else min(SWUNG + SWINGS * went_on, MOST_SWUNG)) ** 2
+        if slips == FLAT:
+            square(mean, covariance, evidence, feature // 2, slope)
         off, _, variance, _ = meet(mean, covariance, evidence, feature, values, slope)
     learn_of(mean, covariance, slope, off, variance)
+
+
+@njit(cache=True)
+def square(mean, covariance, evidence, wall, slope):
+    """Take into a hypothesis, in place, that the cart stands square to a wall."""
+    own = OWN + 2 * wall
+    off = mean[2] - evidence.lines[wall, 2]
+    slope[:] = 0.0
+    slope[2] = 1.0
+    if evidence.unsure:
+        off -= mean[own]
+        slope[own] = -1.0
+    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+    learn_of(mean, covariance, slope, off, max(spread_of(covariance, slope), 0.0) + SQUARE**2)
+
+
+@njit(cache=True)
+def slip_density(off, sigma, size):
+    """Density (1/m) of a way too far by `off`, sigma m unsure, if such are exponential with a mean of `size` (m)."""
+    ratio = sigma / size
+    x = (ratio - off / sigma) / math.sqrt(2.0)
+    if x > 20.0:  # far too near: what follows would be nothing times infinity
+        return math.exp(-0.5 * (off / sigma) ** 2) / (size * x * math.sqrt(4.0 * math.pi))
+    return 0.5 / size * math.exp(0.5 * ratio * ratio - off / size) * math.erfc(x)
 
 
 @njit(cache=True)
@@ -319,13 +375,13 @@ def run_costs(values, evidence):
     for row in range(evidence.stages.shape[0]):
         stage = evidence.stages[row]
         is_seen = not math.isnan(evidence.seen[row, 0])
-        ways = 3 if is_seen else 1
+        ways = 3 if is_seen or stage[KIND] == TURN else 1
         for wildness in range(ways - 1, -1, -1):
             share = WILD[wildness - 1] if wildness else 1.0 - np.sum(WILD)
             for h in range(n):
                 row_of = wildness * n + h
                 means[row_of], covariances[row_of] = means[h], covariances[h]
-                weights[row_of] = (share if is_seen else 1.0) * weights[h]
+                weights[row_of] = (share if ways > 1 else 1.0) * weights[h]
                 roll(means[row_of], covariances[row_of], stage, values, wildness)
         n *= ways
         if stage[IS_BUMP] > 0.0 and evidence.lines.shape[0] > 0:

@@ -15,8 +15,8 @@ from server.formats.tum import read_tum, write_tum
 from server.replay import Options
 from server.robots.bumper_cart import area_named
 from slam.cart_odometry import CartParams
-from slam.maximum_likelihood import Learned
 from slam.pose import compose
+from slam.posterior import Learned
 
 ROOM = BUILT_IN / "cut-rectangle.toml"
 

@@ -14,8 +14,8 @@ from slam.area import area_of
 from slam.cart_calibration import frame_of, learn_alone, learn_from_camera, learn_from_map, lines_of, on_map, table_of
 from slam.cart_likelihood import NAMES, NO_CORNERS, TOLD, meet, run_costs
 from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage, turn_variance, way_variance
-from slam.maximum_likelihood import Unknown, fitted
 from slam.pose import compose
+from slam.posterior import Unknown, fitted
 
 TRUE = CartParams(wheelbase=0.0655, distance_noise=0.01, turn_noise=0.06, rotation_noise=0.03)
 CAMERA = np.array([0.001, 0.005])
@@ -187,7 +187,7 @@ def test_a_cameras_frame_is_found_beside_places_that_are_wrong():
     np.testing.assert_allclose(frame_of(told, seen), frame, atol=1e-6)
 
 
-def test_the_quadratics_bottom_and_ends_are_found():
+def test_the_middle_and_the_ends_of_what_is_likely_are_found():
     rng = np.random.default_rng(1)
     samples = rng.normal(1.5, 0.5, 400)
 
