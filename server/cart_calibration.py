@@ -24,8 +24,8 @@ from server.robots.bumper_cart import Run, area_named, runs_of
 from slam.bump_mapper import BumpMapperParams
 from slam.cart_calibration import learn_alone, learn_from_camera, learn_from_map
 from slam.cart_odometry import CartParams, Stage, arcs, bumps_of, raw_path
-from slam.posterior import Learned
 from slam.pose import wrap
+from slam.posterior import Learned
 
 NAME = "bumper_cart"
 BUILT = ("wheelbase", "tick", "bumper_width", "bumper_ahead", "veer", "distance_noise", "turn_noise", "rotation_noise")
