@@ -16,6 +16,7 @@ from bench.result import Result
 from firmware.virtual.polygons import polygon
 
 TRACKS = 12  # carts whose ways are drawn
+SEEN = 1.1  # m to each side of a room's middle that are drawn
 
 
 def percent(records: list[Record], key: str) -> float:
@@ -135,11 +136,12 @@ def bump_mapping(result: Result) -> Figure:
     axes.yaxis.set_major_formatter("{x:g}")
     axes.legend()
     ranked = sorted(rows.get(DRAWN, []), key=lambda record: record["error"])
-    for column, (name, row) in enumerate((("best", 0), ("middle", len(ranked) // 2), ("worst", -1)), 1):
+    drawn = [("best", 0), ("middle", len(ranked) // 2), ("worst", len(ranked) - 1)] if ranked else []
+    for column, (name, row) in enumerate(drawn, 1):
         axes = panel(figure, 0, column)
-        if ranked:
-            draw_room(axes, ranked[row], f"{name} of {len(ranked)}: {100.0 * ranked[row]['error']:.1f} cm")
-    figure.axes[1].legend(loc="lower left")
+        draw_room(axes, ranked[row], f"{name} of {len(ranked)}: {100.0 * ranked[row]['error']:.1f} cm")
+    if drawn:
+        figure.legend(*figure.axes[1].get_legend_handles_labels(), loc="outside lower right", ncols=3, frameon=False)
     return figure
 
 
@@ -152,7 +154,11 @@ def draw_room(axes: Axes, record: Record, title: str) -> None:
     for place, wall in enumerate(record["walls"]):
         x, y = np.array(wall).T
         axes.plot(x, y, color=WAYS[0][0], linewidth=1.2, label=None if place else "mapped")
-    axes.set(title=title, aspect="equal", xticks=[], yticks=[])
+    x, y = polygon(record["room"]).segments.reshape(-1, 2).T
+    middle_x, middle_y = 0.5 * (x.min() + x.max()), 0.5 * (y.min() + y.max())
+    around = {"xlim": (middle_x - SEEN, middle_x + SEEN), "ylim": (middle_y - SEEN, middle_y + SEEN)}
+    axes.set(title=title, aspect="equal", xticks=[], yticks=[], **around)
+    axes.spines[:].set_visible(False)
 
 
 def bump_merging(result: Result) -> Figure:
