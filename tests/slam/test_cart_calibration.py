@@ -10,6 +10,7 @@ import pytest
 from firmware.virtual.bumper_cart import VirtualCart, run_cart
 from firmware.virtual.polygons import closed_outlines
 from firmware.virtual.worlds import load_world
+from slam import posterior
 from slam.area import area_of
 from slam.cart_calibration import frame_of, learn_alone, learn_from_camera, learn_from_map, lines_of, on_map, table_of
 from slam.cart_likelihood import NAMES, NO_CORNERS, TOLD, meet, run_costs
@@ -19,6 +20,7 @@ from slam.posterior import Unknown, fitted
 
 TRUE = CartParams(wheelbase=0.0655, distance_noise=0.01, turn_noise=0.06, rotation_noise=0.03)
 CAMERA = np.array([0.001, 0.005])
+FEW = 60  # draws where bumps are the evidence, each of which takes long; the wheelbase is told well enough by them
 
 
 def run_of(true, seed, bumps=100):
@@ -78,7 +80,8 @@ def test_the_virtual_carts_wheelbase_is_found_from_above():
     )
 
 
-def test_the_virtual_carts_wheelbase_is_found_by_the_map():
+def test_the_virtual_carts_wheelbase_is_found_by_the_map(monkeypatch):
+    monkeypatch.setattr(posterior, "SAMPLES", FEW)
     world = load_world("cut-rectangle")
     stages, _ = run_cart(world, 3005, 80)
     area = area_of(closed_outlines(world.segments, world.name))
@@ -155,7 +158,8 @@ def test_a_walls_slopes_are_its_derivatives():
             assert (ahead - behind) / 2e-6 == pytest.approx(slope[row], abs=1e-6)
 
 
-def test_the_virtual_carts_wheelbase_is_found_by_its_own_bumps():
+def test_the_virtual_carts_wheelbase_is_found_by_its_own_bumps(monkeypatch):
+    monkeypatch.setattr(posterior, "SAMPLES", FEW)
     world = load_world("cut-rectangle")
     stages, _ = run_cart(world, 3005, 100)
     guess = CartParams()._replace(wheelbase=1.03 * CartParams().wheelbase)
