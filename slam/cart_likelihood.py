@@ -376,6 +376,8 @@ def run_costs(values, evidence):
         stage = evidence.stages[row]
         is_seen = not math.isnan(evidence.seen[row, 0])
         ways = 3 if is_seen or stage[KIND] == TURN else 1
+        if ways == 3 and n > MOST:  # a turn after a drive that met nothing
+            n = keep(means, covariances, weights, weights[:n].copy())
         for wildness in range(ways - 1, -1, -1):
             share = WILD[wildness - 1] if wildness else 1.0 - np.sum(WILD)
             for h in range(n):

@@ -12,7 +12,16 @@ from firmware.virtual.polygons import closed_outlines
 from firmware.virtual.worlds import load_world
 from slam import posterior
 from slam.area import area_of
-from slam.cart_calibration import frame_of, learn_alone, learn_from_camera, learn_from_map, lines_of, on_map, table_of
+from slam.cart_calibration import (
+    FIRST_GUESS,
+    frame_of,
+    learn_alone,
+    learn_from_camera,
+    learn_from_map,
+    lines_of,
+    on_map,
+    table_of,
+)
 from slam.cart_likelihood import NAMES, NO_CORNERS, TOLD, meet, run_costs
 from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage, turn_variance, way_variance
 from slam.pose import compose
@@ -133,6 +142,21 @@ def unsure_evidence(spread):
     covariance[len(sure.state) :, len(sure.state) :] = spread**2 * np.eye(more)
     state = np.concatenate([sure.state, np.zeros(more)])
     return sure, sure._replace(state=state, covariance=covariance, unsure=True)
+
+
+def test_turn_after_turn_leaves_room_for_hypotheses():
+    stages, path = run_of(TRUE, 5, 30)
+    world = load_world("rectangle")
+    missed = [
+        stage if row < 15 or stage.kind != DRIVE else stage._replace(bumper=0) for row, stage in enumerate(stages)
+    ]
+    told = np.full((len(missed), 3), math.nan)
+    told[0] = path[1]
+    evidence = on_map(
+        missed, told, np.full((len(missed) + 1, 3), math.nan), area_of(closed_outlines(world.segments, world.name))
+    )
+    guess = CartParams()._asdict() | FIRST_GUESS
+    assert np.all(np.isfinite(run_costs(np.array([guess[name] for name in NAMES]), evidence)))
 
 
 def test_walls_that_may_be_off_by_nothing_are_walls_that_are_known():
