@@ -147,7 +147,7 @@ BENCH = Bench(
         Column("not below 5 cm", failed("good")),
     ),
     seeds=20,
-    minutes=30,
+    minutes=50,
     heading="medium drift unless told",
 )
 
@@ -219,7 +219,7 @@ MERGING = Bench(
         Column("merged in (s)", middle("seconds", 1)),
     ),
     seeds=3,
-    minutes=40,
+    minutes=50,
     heading=f"carts of {CART_BUMPS} bumps",
 )
 

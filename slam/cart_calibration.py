@@ -1,4 +1,4 @@
-"""What a cart's own runs say about it: wheelbase, tick, how badly its odometry errs, its bumper; maximum likelihood.
+"""What a cart's own runs say about it: wheelbase, tick, how badly its odometry errs, its bumper; what is likely.
 
 Evidence are a known map, whose walls each bump must be at; the path that a camera above saw, in a frame of its own;
 or both. Without either the tick alone tells lengths, so that it must be known, and walls that are felt again tell the
@@ -19,7 +19,8 @@ from slam.bump_localizer import BumpLocalizer, BumpLocalizerParams
 from slam.bump_mapper import BumpMapper, BumpMapperParams
 from slam.bump_swarm import BEYOND, HIGH, HITS, LOW, PHI, X, Y
 from slam.bump_walls import LEAST_BUMPS
-from slam.cart_likelihood import NAMES, NO_CORNERS, OWN, TOLD, Evidence, run_costs
+from slam.cart_hypothesis import NAMES, OWN, TOLD, Evidence
+from slam.cart_likelihood import run_costs
 from slam.cart_odometry import DRIVE, CartParams, Stage, bumps_of
 from slam.pose import transform, wrap
 from slam.posterior import Learned, Unknown, fitted
@@ -40,11 +41,11 @@ DOUBT = {
 }
 # of a parameter's logarithm beforehand, one sigma, of the last three (rad/m, ticks, m) of the parameter itself,
 VAGUE = 1.0  # and of those not named here: a factor of 2.7 either way
+NO_CORNERS = np.zeros((0, 2))
 LEAST_STAGES = 20  # below which nothing is learned,
 BLOCK = 15  # stages, five bumps, over which errors of the model hang together
 LEAST_PLACED = 20  # bumps with a sure place, likewise,
 LEAST_ALONE = 50  # and of runs without a map or a camera
-LIKELY = 0.5  # share of the heaviest cluster from which a cart that was localized once has a sure place
 CARRIED = 0.001  # probability before each bump that it was put elsewhere
 OFTEN = 0.8  # of the bumps of a cart whose bumper sticks
 LOOSE = 0.03  # share of the wheelbase that it may be wrong by while bumps are placed
@@ -111,7 +112,7 @@ def check(runs: Sequence[Sequence[Stage]], paths: Sequence[np.ndarray]) -> None:
 
 
 def learned(found: Sequence[Evidence], guess: CartParams, names: Sequence[str], wanted: Sequence[str]) -> Learned:
-    """The likeliest parameters of the evidence of several runs."""
+    """What is likely of the parameters by the evidence of several runs."""
     first = FIRST_GUESS | {name: getattr(guess, name) for name in NAMES if name in CartParams._fields}
     unknowns = [
         Unknown(name, first[name], DOUBT.get(name, VAGUE), name not in ("veer", "play", "overrun")) for name in names

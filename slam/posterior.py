@@ -5,7 +5,8 @@ soon, one that is too small may hardly cost anything where other errors can stan
 bottom says nothing of that. So places are drawn and weighed by what they cost, from ever better normal ones (adaptive
 multiple importance sampling: Cornuet et al., Scandinavian Journal of Statistics 39, 2012). Intervals are wider where
 the runs themselves vary more than the model has it (Huber, The behavior of maximum likelihood estimates under
-nonstandard conditions, 1967). Parameters are counted from a first guess, positive ones by their logarithm.
+nonstandard conditions, 1967). Parameters are counted from a first guess, positive ones by their logarithm. Uses its
+sibling `resampling`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
+from slam.resampling import effective_sample_size, normalize
+
 Cost = Callable[[np.ndarray], float]
 Costs = Callable[[np.ndarray], np.ndarray]
 SHARES = (0.05, 0.5, 0.95)  # of what is believed, below the ends of an interval and the estimate
@@ -26,6 +29,7 @@ DESCENTS = 10  # steps down the slope before the first draw,
 ROUNDS = 8  # draws after one another,
 SAMPLES = 200  # places in each,
 ENOUGH = 4  # places for each parameter that must count for a covariance: if fewer do, weights are flattened
+HALVINGS = 20  # after which that power is known
 TAILS = 8.0  # degrees of freedom of what is drawn, whose tails are longer than normal ones
 BROADER = 1.2  # variance of what is drawn, as a multiple of what was found
 LEAST = 1e-8  # variance below which nothing is drawn
@@ -108,8 +112,7 @@ def sampled(cost: Cost, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = len(start)
     rng = np.random.default_rng(n)  # the same places each time
     middle, covariance = start, np.diag([step_of(cost, start, row) ** 2 for row in range(n)])
-    places, logs, draws = np.empty((0, n)), np.empty(0), []
-    weights = np.empty(0)
+    places, logs, weights, draws = np.empty((0, n)), np.empty(0), np.empty(0), []
     for _ in range(ROUNDS):
         root = np.linalg.cholesky(BROADER * covariance)
         draws.append((middle, root))
@@ -133,17 +136,14 @@ def flattened(logs: np.ndarray, enough: float) -> np.ndarray:
 
     Where few of all places count, a flat weight errs to the side of too wide an interval.
     """
-    powers, weights = [0.0, 1.0], np.empty(0)
-    power = 1.0
-    for _ in range(30):
-        weights = np.exp(power * (logs - logs.max()))
-        weights /= weights.sum()
-        counts = 1.0 / np.sum(weights**2) >= enough
-        if counts and power == 1.0:
-            break
-        powers[0 if counts else 1] = power
-        power = 0.5 * sum(powers)
-    return weights
+    weights = normalize(logs)
+    if effective_sample_size(weights) >= enough:
+        return weights
+    power, step = 0.5, 0.25
+    for _ in range(HALVINGS):
+        counts = effective_sample_size(normalize(power * logs)) >= enough
+        power, step = power + step if counts else power - step, 0.5 * step
+    return normalize(power * logs)
 
 
 def moments(places: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("slam", "slam.grid", "slam.params", "slam.pose"),
     (
         "slam.affinity", "slam.area", "slam.bump_ancestry", "slam.bump_frames", "slam.bump_particles",
-        "slam.bump_swarm", "slam.bump_walls", "slam.bumps", "slam.cart_likelihood",
+        "slam.bump_swarm", "slam.bump_walls", "slam.bumps", "slam.cart_hypothesis",
+        "slam.cart_likelihood",
         "slam.cart_odometry", "slam.comparison", "slam.correlative_search", "slam.cost_grid", "slam.counter_random",
         "slam.distance_field", "slam.echo_matching", "slam.echoes", "slam.evaluate", "slam.families", "slam.frontiers",
         "slam.hypotheses", "slam.laser_maps", "slam.laser_odometry", "slam.laser_scan", "slam.local_map",

@@ -14,6 +14,7 @@ from slam import posterior
 from slam.area import area_of
 from slam.cart_calibration import (
     FIRST_GUESS,
+    NO_CORNERS,
     frame_of,
     learn_alone,
     learn_from_camera,
@@ -22,7 +23,8 @@ from slam.cart_calibration import (
     on_map,
     table_of,
 )
-from slam.cart_likelihood import NAMES, NO_CORNERS, TOLD, meet, run_costs
+from slam.cart_hypothesis import NAMES, OWN, TOLD, meet, slip_density, square
+from slam.cart_likelihood import run_costs
 from slam.cart_odometry import BACK, DRIVE, MIDDLE, TURN, CartParams, Stage, turn_variance, way_variance
 from slam.pose import compose
 from slam.posterior import Unknown, fitted
@@ -157,6 +159,27 @@ def test_turn_after_turn_leaves_room_for_hypotheses():
     )
     guess = CartParams()._asdict() | FIRST_GUESS
     assert np.all(np.isfinite(run_costs(np.array([guess[name] for name in NAMES]), evidence)))
+
+
+@pytest.mark.parametrize("sigma", [0.0003, 0.002, 0.02, 0.3])
+def test_a_slips_density_is_an_exponential_smeared_by_what_is_not_known(sigma):
+    size = 0.05
+    ways = np.linspace(0.0, 40.0 * size, 400_001)
+    for off in (-3.0 * sigma, -sigma, 0.0, sigma, 0.02, 0.1):
+        smeared = np.exp(-ways / size - 0.5 * ((off - ways) / sigma) ** 2) / (size * sigma * math.sqrt(2.0 * math.pi))
+        assert slip_density(off, sigma, size) == pytest.approx(np.trapezoid(smeared, ways), rel=1e-3)
+    assert slip_density(-30.0 * sigma, sigma, size) < 1e-100
+
+
+def test_one_that_stands_square_to_a_wall_has_its_heading():
+    sure, unsure = unsure_evidence(0.1)
+    for evidence in (sure, unsure):
+        d, phi = len(evidence.state), evidence.lines[1, 2]
+        mean, covariance = evidence.state.copy(), evidence.covariance + 1e-6 * np.eye(d)
+        mean[2], covariance[2, 2] = phi + 2.0 * math.pi - 0.4, 0.5
+        square(mean, covariance, evidence, 1, np.zeros(d))
+        wall = mean[OWN + 2] if evidence.unsure else 0.0
+        assert math.remainder(mean[2] - phi - wall, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_walls_that_may_be_off_by_nothing_are_walls_that_are_known():
